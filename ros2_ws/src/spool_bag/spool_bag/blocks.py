@@ -255,10 +255,13 @@ class Span:
 
 def _like(first: Block, messages: Sequence[bytes]) -> Iterator[Block | BlockRun]:
     """Yield ``first``, of the first of ``messages``, and those behind it that have its layout."""
-    step = _step(first)
-    if len(messages) < FEW or not step or messages[0][:4] != LITTLE_ENDIAN:
+    nanoseconds = first.sample_period * 1e9
+    regular = 0 < first.body.size == first.spool.size and 1.0 <= nanoseconds <= 1e9 * LONGEST_PERIOD
+    regular = regular and nanoseconds.is_integer() and 0 <= first.sequence < LARGEST
+    if len(messages) < FEW or not regular or messages[0][:4] != LITTLE_ENDIAN:
         yield first
         return
+    step = first.body.size * int(nanoseconds)  # ns from block to block
     layout = _layout(int.from_bytes(messages[0][12:16], "little"), first.body.size, len(messages[0]))
     rows = np.frombuffer(b"".join(messages), layout)
     # Those that have all that makes a layout, and sequences that fit.
@@ -285,15 +288,6 @@ def _like(first: Block, messages: Sequence[bytes]) -> Iterator[Block | BlockRun]
             first.source,
             first.body.size,
         )
-
-
-def _step(block: Block) -> int:
-    """Return the time (ns) from such a block to the next one, 0 where that is no whole number."""
-    nanoseconds = block.sample_period * 1e9
-    regular = 0 < block.body.size == block.spool.size and 1.0 <= nanoseconds <= 1e9 * LONGEST_PERIOD
-    if not (regular and nanoseconds.is_integer() and 0 <= block.sequence < LARGEST):
-        return 0
-    return block.body.size * int(nanoseconds)
 
 
 @functools.lru_cache(maxsize=64)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -135,30 +135,19 @@ def _kind(out: Path) -> str:
     return kind
 
 
-def _writer(kind: str, part: Path, schema: pa.Schema) -> AbstractContextManager[Any]:
+@contextmanager
+def _writer(kind: str, part: Path, schema: pa.Schema) -> Iterator[Any]:
+    """Give what writes batches of rows to the file ``part``, which is closed at the end."""
     part.parent.mkdir(parents=True, exist_ok=True)
     if kind == ".parquet":
-        writer: AbstractContextManager[Any] = pa_parquet.ParquetWriter(part, schema, compression="zstd")
-        return writer
+        with pa_parquet.ParquetWriter(part, schema, compression="zstd") as table:
+            yield table
+        return
     options = pa_csv.WriteOptions(include_header=False, quoting_style="none")
-    sink = pa.output_stream(str(part), compression="gzip" if kind == ".csv.gz" else None)
-    return _CsvSink(sink, schema, options)
-
-
-class _CsvSink:
-    """CSV writer that closes its stream, too."""
-
-    def __init__(self, sink: Any, schema: pa.Schema, options: pa_csv.WriteOptions) -> None:
-        self._sink = sink
+    with pa.output_stream(str(part), compression="gzip" if kind == ".csv.gz" else None) as sink:
         sink.write((",".join(schema.names) + "\n").encode())
-        self._writer = pa_csv.CSVWriter(sink, schema, write_options=options)
-
-    def __enter__(self) -> Any:
-        return self._writer
-
-    def __exit__(self, *_: object) -> None:
-        self._writer.close()
-        self._sink.close()
+        with pa_csv.CSVWriter(sink, schema, write_options=options) as rows:
+            yield rows
 
 
 def _first_stamp(reader: BagReader, valve: str) -> int | None:

@@ -17,23 +17,8 @@ from mcap.opcode import Opcode
 from spool_core.errors import InputError
 from spool_core.uncertainty import named
 
-from spool_bag.mcap_record import (
-    BAD_BYTES,
-    FRAME,
-    HEAD_SIZE,
-    MAGIC,
-    MESSAGE,
-    MESSAGE_INDEX,
-    ChunkHead,
-    Definitions,
-    Frame,
-    Topic,
-    candidates,
-    chunk_head,
-    index_entries,
-    kind_of,
-    read_summary,
-)
+from spool_bag import mcap_record
+from spool_bag.mcap_record import FRAME, MAGIC, MESSAGE, ChunkHead, Definitions, Frame, Topic
 
 #: Messages of a batch at most: more would hold more memory than their chunk.
 LARGEST_BATCH = 4096
@@ -42,7 +27,7 @@ _RECORD = struct.Struct("<BQH")
 
 # B that are searched in one piece.
 _PIECE = 1 << 20
-_LOOK = FRAME.size + HEAD_SIZE
+_LOOK = FRAME.size + mcap_record.HEAD_SIZE
 _HOLDS_DATA = (Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE)
 
 #: B of one chunk, packed or not. Writers close theirs at 1 MB (rosbag2: 768 kB, Foxglove: 4 MB) or after
@@ -132,7 +117,7 @@ class McapFile:
                 stream.seek(max(self._size - len(MAGIC), 0))
                 self.closed = self._size > 2 * len(MAGIC) and stream.read() == MAGIC
                 if self.closed:  # without a summary, topics and counts cost a pass over the file
-                    told = read_summary(stream, self._size, self._definitions)
+                    told = mcap_record.read_summary(stream, self._size, self._definitions)
                     if told is not None:
                         self.counts = dict.fromkeys(self.topics, 0) | told[0]
                         self.times = told[1]
@@ -166,17 +151,23 @@ class McapFile:
         Raises:
             InputError: as ``records``.
         """
-        report = damaged or self._refuse
+
+        def refuse(damage: Damage) -> None:
+            raise InputError(
+                f"{self.path}: damaged at byte {damage.offset} ({damage.reason}): "
+                "make a readable bag of it with `./spool recover`"
+            )
+
         quiet_tail = damaged is None and not self.closed
         accepted: dict[int, bool] = {}
         with self.path.open("rb") as stream:
-            walk = Walk(stream, self._size, self._start, report, quiet_tail=quiet_tail)
+            walk = Walk(stream, self._size, self._start, damaged or refuse, quiet_tail=quiet_tail)
             for run in walk:
                 try:
                     yield from self._batches(run, walk, wanted, accepted)
                 except InputError:
                     raise
-                except BAD_BYTES as error:
+                except mcap_record.BAD_BYTES as error:
                     size = FRAME.size + run.frame.length
                     walk.damaged(Damage(run.frame.offset, size, str(error) or type(error).__name__))
             self.density = walk.messages / walk.size if walk.size else 0.0
@@ -224,12 +215,6 @@ class McapFile:
         if nowhere:
             reason = "messages of a channel without description"
             walk.damaged(Damage(run.frame.offset, FRAME.size + run.frame.length, reason, nowhere))
-
-    def _refuse(self, damage: Damage) -> None:
-        raise InputError(
-            f"{self.path}: damaged at byte {damage.offset} ({damage.reason}): "
-            "make a readable bag of it with `./spool recover`"
-        )
 
 
 def decompressed(path: Path, folder: Path) -> Path:
@@ -344,8 +329,8 @@ class Walk:
         if len(head) < FRAME.size:
             return None, b""
         opcode, length = FRAME.unpack_from(head)
-        content = head[FRAME.size : FRAME.size + min(length, HEAD_SIZE)]
-        kind = kind_of(opcode, content, length)
+        content = head[FRAME.size : FRAME.size + min(length, mcap_record.HEAD_SIZE)]
+        kind = mcap_record.kind_of(opcode, content, length)
         if kind is None or offset + FRAME.size + length > self._end:
             return None, content
         if tell and kind != opcode:
@@ -364,7 +349,7 @@ class Walk:
         self._chunked, self._last, self._listed = True, None, {}
         try:
             content = self._read(frame)
-            head = chunk_head(content, frame.length)
+            head = mcap_record.chunk_head(content, frame.length)
             assert head is not None  # kind_of saw it
             if head.uncompressed_size <= LARGEST_CHUNK:  # a larger one, or a damaged size, is not unpacked
                 self._unpacked += head.uncompressed_size
@@ -380,7 +365,7 @@ class Walk:
 
     def _index(self, content: bytes, length: int) -> None:
         """Count what the index behind a damaged place lists; that of a chunk that was read loses nothing."""
-        entries = index_entries(content, length)
+        entries = mcap_record.index_entries(content, length)
         if self._pending is None or self._joined or not entries:
             return
         if self._last is not None:
@@ -401,24 +386,22 @@ class Walk:
         beyond = self._end if following is None else following
         if following is None and self._quiet_tail:
             return beyond
-        lost = 0 if self._within_indexes(beyond) else None
+        lost = None
+        if self._last is not None:
+            listed = _listed(self._last.records).values()
+            head = FRAME.size + mcap_record.MESSAGE_INDEX.size
+            indexes = sum(head + mcap_record.INDEX_ENTRY * count for count, _ in listed)
+            if beyond <= self._last.frame.end + indexes:  # nothing but the indexes of the last chunk
+                lost = 0
         self.damaged(Damage(offset, beyond - offset, reason, lost))
         return beyond
-
-    def _within_indexes(self, end: int) -> bool:
-        """Return whether nothing but the indexes of the last chunk can lie before ``end``."""
-        if self._last is None:
-            return False
-        listed = _listed(self._last.records).values()
-        indexes = sum(FRAME.size + MESSAGE_INDEX.size + 16 * count for count, _ in listed)
-        return end <= self._last.frame.end + indexes
 
     def _following(self, start: int, *, chunked: bool) -> int | None:
         """Return where the next record from ``start`` on begins that can be one, of a ``chunked`` file."""
         offset = start
         while offset < self._end:
             self._stream.seek(offset)
-            for place in candidates(self._stream.read(_PIECE + _LOOK), chunked=chunked):
+            for place in mcap_record.candidates(self._stream.read(_PIECE + _LOOK), chunked=chunked):
                 if place < _PIECE and self._sound(offset + place, chunked=chunked):
                     return offset + place
             offset += _PIECE

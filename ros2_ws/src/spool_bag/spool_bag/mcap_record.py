@@ -32,8 +32,8 @@ DATA_END_SIZE, FOOTER_SIZE = 4, 20
 HEAD_SIZE = 64
 COMPRESSIONS = (b"", b"lz4", b"zstd")
 
-# B of an entry: a time and an offset, 8 B each.
-_INDEX_ENTRY = 16
+#: B of an entry of a message index: a time and an offset, 8 B each.
+INDEX_ENTRY = 16
 # Where the fields begin that stand behind their length, and how many there are.
 _FIELDS = {Opcode.HEADER: (0, 2), Opcode.SCHEMA: (2, 3), Opcode.CHANNEL: (4, 3), Opcode.METADATA: (0, 2)}
 _FIRST_PRIVATE = 0x80
@@ -101,9 +101,9 @@ def index_entries(content: bytes, length: int) -> int | None:
     if len(content) < MESSAGE_INDEX.size:
         return None
     _, size = MESSAGE_INDEX.unpack_from(content)
-    if MESSAGE_INDEX.size + size != length or size % _INDEX_ENTRY:
+    if MESSAGE_INDEX.size + size != length or size % INDEX_ENTRY:
         return None
-    return int(size) // _INDEX_ENTRY
+    return int(size) // INDEX_ENTRY
 
 
 def kind_of(opcode: int, content: bytes, length: int) -> int | None:

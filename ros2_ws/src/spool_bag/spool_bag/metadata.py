@@ -26,8 +26,9 @@ VERSION = 9
 #: Characters and values of it that are read: a topic and a file have some 400 B and 20 values each.
 LARGEST = 1 << 24
 MOST_VALUES = 1 << 20
-#: Suffix of a file that rosbag2 compressed as a whole.
+#: Suffix of a file that rosbag2 compressed as a whole, and those that are read so.
 COMPRESSED = ".zstd"
+COMPRESSED_WHOLE = (COMPRESSED, ".zst")
 #: Missing files that are named one by one.
 MOST_MISSING = 10
 #: What ``custom_data`` says of a recording under way, or of one that was never finished.
@@ -130,7 +131,7 @@ def write_metadata(folder: Path, bag: BagMetadata) -> None:
 
 def is_bag_file(path: Path) -> bool:
     """Return whether a file is an MCAP file by its name, compressed as a whole or not."""
-    return path.name.lower().endswith((".mcap", ".mcap.zstd", ".mcap.zst"))
+    return path.name.lower().endswith((".mcap", *(f".mcap{suffix}" for suffix in COMPRESSED_WHOLE)))
 
 
 def part_of(name: str) -> tuple[str, int] | None:
@@ -302,10 +303,27 @@ def definition(name: str) -> Definition:
     if name not in store.fielddefs:
         _register_installed(store, name)
     parts = [_own_text(store, name)]
-    for other in _dependencies(store, name):
+    needed = _direct(store, name)
+    for other in needed:  # nearest first; each adds those that it needs itself
         package, _, kind = other.split("/")
         parts.append(f"{SEPARATOR}\nMSG: {package}/{kind}\n{_own_text(store, other)}")
+        needed += [one for one in _direct(store, other) if one not in needed]
     return Definition(name, "".join(parts), store.hash_rihs01(name))
+
+
+@functools.lru_cache(maxsize=256)
+def types_in(text: str, name: str) -> Typestore | None:
+    """Return the types that the definition ``text`` of message type ``name`` holds.
+
+    ``None`` where it is damaged, lacks one, or is in another language.
+    """
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(get_types_from_msg(text, name))
+        store.generate_msgdef(name)  # fails where a type in it is not defined
+    except Exception:  # rosbags and its parser: whatever a damaged text brings
+        return None
+    return store
 
 
 def starts_with_header(name: str) -> bool:
@@ -422,20 +440,10 @@ def _own_text(store: Typestore, name: str) -> str:
 
 
 def _direct(store: Typestore, name: str) -> list[str]:
-    found = []
+    """Return the types of the fields of ``name``, each once."""
+    found: dict[str, None] = {}
     for _, (node, detail) in store.fielddefs[name][1]:
         inner = detail[0] if node in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (node, detail)
         if inner[0] == Nodetype.NAME:
-            found.append(str(inner[1]))
-    return found
-
-
-def _dependencies(store: Typestore, name: str) -> list[str]:
-    """Return every type that ``name`` needs, each once, nearest first."""
-    queue, seen = _direct(store, name), []
-    while queue:
-        other = queue.pop(0)
-        if other not in seen:
-            seen.append(other)
-            queue.extend(_direct(store, other))
-    return seen
+            found[str(inner[1])] = None
+    return list(found)

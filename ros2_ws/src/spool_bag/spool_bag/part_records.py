@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from io import BytesIO
 from itertools import count
@@ -237,8 +238,13 @@ class PartList:
             self._path.replace(folder / DISTRUSTED)
             return
         self._first, self._lines = found.first, list(found.lines)
-        if self._lines and self._lines[-1].sha256 == UNDER_WAY:
-            self._take(dict(files).get(self._lines[-1].number))
+        if self._lines and self._lines[-1].sha256 == UNDER_WAY:  # the recorder before did not end it
+            path = dict(files).get(self._lines.pop().number)
+            if path is not None:
+                sha256 = UNREADABLE
+                with suppress(OSError):
+                    sha256 = file_hash(path)
+                self._lines.append(replace(found.lines[-1], sha256=sha256))
         self.next = max(self.next, self._first, *(line.number + 1 for line in self._lines[-1:]))
         self._lines = [line for line in self._lines if line.number >= oldest]
 
@@ -269,16 +275,6 @@ class PartList:
     def hashes(self, number: int) -> tuple[str, ...]:
         """Return the SHA-256 that the file of a part may have."""
         return next(((line.sha256, line.thinned) for line in self._lines if line.number == number), ())
-
-    def _take(self, path: Path | None) -> None:
-        """Take the part that the recorder before did not end as it is found."""
-        if path is None:
-            self._lines.pop()
-            return
-        try:
-            self._close(file_hash(path))
-        except OSError:
-            self._close(UNREADABLE)
 
     def _close(self, sha256: str) -> None:
         self._lines[-1] = replace(self._lines[-1], sha256=sha256)

@@ -10,8 +10,6 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 from spool_core import cdr
 from spool_core.block import Block, BlockRun
 from spool_core.errors import InputError
@@ -123,7 +121,6 @@ class BagReader:
             )
         self.warnings.extend(_stated_losses(self.files))
         self._topics: dict[str, TopicInformation] | None = None
-        self._stores: dict[str, Typestore | None] = {}
         self.undecodable: dict[str, int] = {}
 
     def _opened(self, paths: Sequence[Path]) -> list[McapFile]:
@@ -131,21 +128,17 @@ class BagReader:
         files, refused = list[McapFile](), list[InputError]()
         for path in paths:
             try:
-                files.append(McapFile(self._plain(path)))
+                plain = path
+                if path.suffix in metadata.COMPRESSED_WHOLE:
+                    self._folder = self._folder or TemporaryDirectory(prefix="spool_bag_")
+                    plain = decompressed(path, Path(self._folder.name))
+                files.append(McapFile(plain))
             except InputError as error:
                 refused.append(error)
         if refused and not files:
             raise refused[0]
         self.warnings.extend(f"{str(error).partition(': name a ')[0]}: it is left out" for error in refused)
         return files
-
-    def _plain(self, path: Path) -> Path:
-        """Return a file as it is, or decompressed in a folder that goes with this reader."""
-        if path.suffix not in (metadata.COMPRESSED, ".zst"):
-            return path
-        if self._folder is None:
-            self._folder = TemporaryDirectory(prefix="spool_bag_")
-        return decompressed(path, Path(self._folder.name))
 
     @property
     def topics(self) -> dict[str, TopicInformation]:
@@ -269,7 +262,7 @@ class BagReader:
     def _decoded(self, topic: Topic, data: bytes) -> Any:
         """Return the message in ``data``, ``None`` where that does not fit the bag's definition."""
         try:
-            store = self._store(topic)
+            store = metadata.types_in(topic.schema, topic.type)
             return None if store is None else store.deserialize_cdr(data, topic.type)
         except Exception:  # rosbags, struct, NumPy, RecursionError: whatever a bad byte brings
             return None
@@ -369,17 +362,6 @@ class BagReader:
                     unknown = True
         return counted + round(estimated), unknown
 
-    def _store(self, topic: Topic) -> Typestore | None:
-        """Return the types that the definition of ``topic`` defines, ``None`` where it defines none."""
-        if topic.type not in self._stores:
-            store = get_typestore(Stores.EMPTY)
-            try:
-                store.register(get_types_from_msg(topic.schema, topic.type))
-                self._stores[topic.type] = store
-            except Exception:  # as above
-                self._stores[topic.type] = None
-        return self._stores[topic.type]
-
 
 def _repeated_at(file: McapFile) -> int:
     """Return the log time (ns) of the messages that a part repeats of those before it, 0 for none."""
@@ -399,22 +381,21 @@ def _stated_losses(files: Sequence[McapFile]) -> list[str]:
     found = []
     for file in files:
         begin = begin_of(file.path)
-        if begin is not None and begin.cut_off:
+        if begin is None:
+            continue
+        if begin.cut_off:
             found.append(
                 f"{file.path}: the recorder was cut off before this part: data not yet on the disk is missing"
             )
-        if begin is not None and begin.lost:
-            because = printable(begin.reason, 200)
-            found.append(f"{_not_recorded(begin.lost)} before {file.path.name}: {because}")
-        for told in losses_of(file.path) if begin is not None else ():
-            count = _not_recorded(printable(told.get("lost_messages", ""), 20))
-            because = printable(told.get("lost_because", ""), 200)
-            found.append(f"{count} in {file.path.name}: {because}")
+        losses = [("before", str(begin.lost), begin.reason)] if begin.lost else []
+        losses += [
+            ("in", one.get("lost_messages", ""), one.get("lost_because", "")) for one in losses_of(file.path)
+        ]
+        for where, count, because in losses:
+            many = "message was" if count == "1" else "messages were"
+            text = f"{printable(count, 20)} {many} not recorded {where} {file.path.name}"
+            found.append(f"{text}: {printable(because, 200)}")
     return found
-
-
-def _not_recorded(count: int | str) -> str:
-    return f"{count} message was not recorded" if str(count) == "1" else f"{count} messages were not recorded"
 
 
 def _parts(topic: str) -> tuple[str, str]:

@@ -305,7 +305,7 @@ class MonitoringWatch:
     def saw_data(self, valve: str, now: float) -> None:
         """Record that acceleration of ``valve`` arrived at ``now`` (s)."""
         heard = self._valves.setdefault(valve, _Heard())
-        if heard.data is None or now - heard.data > FLOWS:
+        if now - heard.data > FLOWS:
             heard.since = now
         heard.data = now
 
@@ -318,17 +318,7 @@ class MonitoringWatch:
 
         A monitor that was heard and is silent is missed whether or not data flow: it tells of silence, too.
         """
-        return {valve: self._state(heard, now) for valve, heard in self._valves.items()}
-
-    @staticmethod
-    def _state(heard: _Heard, now: float) -> Monitored:
-        if heard.health is not None:
-            return Monitored.NO if now - heard.health > SILENT else Monitored.YES
-        if heard.data is None or heard.since is None or now - heard.data > FLOWS:
-            return Monitored.IDLE
-        if now - heard.since <= SILENT:
-            return Monitored.IDLE
-        return Monitored.NO if now - heard.since > STARTS else Monitored.NOT_YET
+        return {valve: heard.state(now) for valve, heard in self._valves.items()}
 
 
 @dataclass(slots=True)
@@ -341,6 +331,13 @@ class _LastBlock:
 
 @dataclass(slots=True)
 class _Heard:
-    data: float | None = None
-    since: float | None = None
+    data: float = -math.inf
+    since: float = math.inf
     health: float | None = None
+
+    def state(self, now: float) -> Monitored:
+        if self.health is not None:
+            return Monitored.NO if now - self.health > SILENT else Monitored.YES
+        if now - self.data > FLOWS or now - self.since <= SILENT:
+            return Monitored.IDLE
+        return Monitored.NO if now - self.since > STARTS else Monitored.NOT_YET

@@ -150,8 +150,11 @@ class BagWriter:
         if not there:
             return [], False
         self._parts, topics, files, finished = existing_parts(self._folder)
-        for topic, described in topics:
-            self._append(_Channel(topic, _present(described), latched=False))
+        for topic, earlier in topics:
+            described = earlier
+            with contextlib.suppress(InputError):  # messages from now on follow the installed definition
+                described = metadata.definition(earlier.name)
+            self._append(_Channel(topic, described, latched=False))
         return files, finished
 
     def _begin_first(self, number: int, before: Before, *, cut_off: bool) -> None:
@@ -230,9 +233,15 @@ class BagWriter:
         if not self._open:
             raise self._closed()
         try:
-            self._write(one, log_time, data, published, sequence)
+            if self._is_full(log_time):
+                self._split(log_time)
+            elif self._part.size > self._allowed and self._keep_quota():
+                self._write_metadata()
+            number = self._register(one) if one.part is None else one.part
+            self._part.write(number, one.topic.name, log_time, data, published, sequence)
         except OSError as error:
             raise self._failed(error) from error
+        self.written += 1
         one.topic.messages += 1
         if one.latched and self.limits is not None:
             one.last = data, published, sequence
@@ -403,15 +412,6 @@ class BagWriter:
         one.part = self._part.add(topic.name, topic.type, one.described, metadata.qos_text(topic.qos))
         return one.part
 
-    def _write(self, one: _Channel, log_time: int, data: bytes, published: int, sequence: int) -> None:
-        if self._is_full(log_time):
-            self._split(log_time)
-        elif self._part.size > self._allowed and self._keep_quota():
-            self._write_metadata()
-        channel = self._register(one) if one.part is None else one.part
-        self._part.write(channel, one.topic.name, log_time, data, published, sequence)
-        self.written += 1
-
     def _is_full(self, log_time: int) -> bool:
         limits, count = self.limits, self._part.count
         if limits is None or count.start is None:
@@ -563,11 +563,3 @@ class _Channel:
     latched: bool
     part: int | None = None
     last: tuple[bytes, int, int] | None = None
-
-
-def _present(described: metadata.Definition) -> metadata.Definition:
-    """Return the installed definition of a type, which messages from now on follow, else the one given."""
-    try:
-        return metadata.definition(described.name)
-    except InputError:
-        return described

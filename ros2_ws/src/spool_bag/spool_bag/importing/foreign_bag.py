@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlite3
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -15,16 +15,14 @@ from urllib.parse import quote
 
 import zstandard
 from rosbags.highlevel import AnyReader, AnyReaderError
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from spool_core.errors import InputError
 from spool_core.text import printable
 
 from spool_bag.mcap_file import McapFile, McapMessage, decompressed
 from spool_bag.mcap_record import Topic
-from spool_bag.metadata import COMPRESSED, Storage, read_metadata, storage_files, typestore
+from spool_bag.metadata import COMPRESSED_WHOLE, Storage, read_metadata, storage_files, types_in, typestore
 
 _SQLITE = b"SQLite format 3"
-_ZSTD_SUFFIXES = (COMPRESSED, ".zst")
 
 
 class Held(NamedTuple):
@@ -160,7 +158,7 @@ class ForeignBag:
                 yield Message(record.log_time, record.sequence, content)
 
     def _opened(self, path: Path) -> McapFile | _SqliteFile:
-        if path.suffix in _ZSTD_SUFFIXES:
+        if path.suffix in COMPRESSED_WHOLE:
             self._folder = self._folder or TemporaryDirectory(prefix="spool_import_")
             path = decompressed(path, Path(self._folder.name))
         with path.open("rb") as file:
@@ -171,13 +169,8 @@ class ForeignBag:
         """Return what decodes the messages of a topic: by the bag's definition, else by the usual one."""
         key = topic.type, topic.schema, topic.encoding
         if key not in self._decoders:
-            kind, store = _with_folder(topic.type), typestore()
-            with suppress(Exception):  # a damaged or incomplete definition, or one in another language
-                if topic.schema.strip():
-                    own = get_typestore(Stores.EMPTY)
-                    own.register(get_types_from_msg(topic.schema, kind))
-                    own.generate_msgdef(kind)  # fails where a type in it is not defined
-                    store = own
+            kind = _with_folder(topic.type)
+            store = (types_in(topic.schema, kind) if topic.schema.strip() else None) or typestore()
             decoders = {"cdr": store.deserialize_cdr, "ros1": store.deserialize_ros1}
             if topic.encoding not in decoders:
                 raise InputError(
