@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import cycle, islice
 
-import matplotlib.pyplot as plt
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
@@ -24,9 +23,10 @@ from spool_report import fit_curves as curves
 from spool_report import fit_tables as tables
 from spool_report import page as html
 from spool_report.evidence.collection import fit_exhibits
-from spool_report.evidence.exhibit import DARK, MEASURED, STYLES, WIDTH
+from spool_report.evidence.exhibit import DARK, MEASURED, STYLES, subplots
 from spool_report.outputs import sources
 from spool_report.ranking import WORTH, FittedSeries, Rank, Ranking, ValidatedFit
+from spool_report.terminal import spoken
 
 WAVEFORM = (
     "Spool acceleration, measured and simulated from the measured body acceleration alone; below, the "
@@ -49,7 +49,7 @@ RATIO_SHOWN = (0.0, 2.0)
 def fit_page(validated: ValidatedFit) -> str:
     """Return the page of a fit that has a result."""
     found = validated.fit
-    title = f"{found.model.name.replace('_', ' ')} fitted to {validated.data.name}"
+    title = f"{spoken(found.model.name)} fitted to {validated.data.name}"
     doubts = [f"Warning: {doubt}" for doubt in validated.data.doubts]
     waveform, *others = pictures([validated])
     error = validated.held_out_error
@@ -99,13 +99,13 @@ def pictures(validated: Sequence[ValidatedFit]) -> list[Markup]:
 
 def seen(validated: Sequence[ValidatedFit]) -> str:
     """Return what a picture of waveforms or of residuals shows, in numbers."""
-    parts = [f"{one.name.replace('_', ' ')} leaves {100.0 * one.training_error:.2g} %" for one in validated]
+    parts = [f"{spoken(one.name)} leaves {100.0 * one.training_error:.2g} %" for one in validated]
     return f"Of the measured rms {', '.join(parts)}." if parts else ""
 
 
 def ratio_seen(validated: Sequence[ValidatedFit]) -> str:
     """Return what a picture of amplitude ratios shows, in numbers."""
-    ratios = [(one.name.replace("_", " "), one.fit.agreement) for one in validated]
+    ratios = [(spoken(one.name), one.fit.agreement) for one in validated]
     parts = [f"{name} {found.amplitude_ratio:.3f}" for name, found in ratios if found is not None]
     return f"Mean amplitude ratio: {', '.join(parts)}." if parts else ""
 
@@ -119,7 +119,7 @@ def summary(validated: ValidatedFit) -> str:
         error, where = validated.training_error, "the data it was fitted to"
     state = "" if found.converged else " The descent did not converge: distrust the numbers."
     return (
-        f"With these parameters {found.model.name.replace('_', ' ')} gives the spool's acceleration on "
+        f"With these parameters {spoken(found.model.name)} gives the spool's acceleration on "
         f"{where} to within {100.0 * error:.2g} % of its rms.{state}"
     )
 
@@ -130,7 +130,7 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
     best = ranking.preferred
     errors = [entry.held_out_error for entry in shown if entry.model == best]
     sure = f"{100.0 * errors[0]:.2g} % of its rms" if errors and math.isfinite(errors[0]) else "not known"
-    use = f"Use {_said(best)}." if best is not None else "Do not use them yet: see the reasons below."
+    use = f"Use {spoken(best)}." if best is not None else "Do not use them yet: see the reasons below."
     first, *rest = [_series(one, ranking) for one in series]
     sections: list[str] = [
         html.verdict(" ".join(ranking.sentences)),
@@ -139,7 +139,7 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
         html.drawing(
             ranking_figure(shown),
             "Models, best first: error above the least, and error on held-out data.",
-            f"From best to worst: {', '.join(entry.model.replace('_', ' ') for entry in shown)}.",
+            f"From best to worst: {', '.join(spoken(entry.model) for entry in shown)}.",
         ),
         html.table(tables.ranking_table(ranking)),
         html.listing(tables.COLUMNS),
@@ -159,11 +159,7 @@ def styles(names: Sequence[str]) -> dict[str, tuple[str, object, str]]:
 def waveform_figure(overlays: Mapping[str, curves.Overlay], excerpts: Sequence[curves.Excerpt]) -> Figure:
     """Return the spool's acceleration, measured and simulated, above the residual; a column each."""
     looks = styles(list(overlays))
-    figure: Figure
-    figure, axes = plt.subplots(
-        2, len(excerpts), figsize=(WIDTH, 5.8), layout="constrained", sharex="col", squeeze=False,
-        height_ratios=(3, 2),
-    )  # fmt: skip
+    figure, axes = subplots(5.8, 2, len(excerpts), sharex="col", squeeze=False, height_ratios=(3, 2))
     for column, excerpt in enumerate(excerpts):
         upper, lower = axes[0, column], axes[1, column]
         for number, (name, shown) in enumerate(overlays.items()):
@@ -173,7 +169,7 @@ def waveform_figure(overlays: Mapping[str, curves.Overlay], excerpts: Sequence[c
             measured, simulated = shown.measured(excerpt), shown.simulated(excerpt)
             if number == 0:
                 upper.plot(time, measured, color=MEASURED, lw=3.5, alpha=0.7, label="measured")
-            upper.plot(time, simulated, color=colour, ls=dash, lw=1.2, label=_said(name))
+            upper.plot(time, simulated, color=colour, ls=dash, lw=1.2, label=spoken(name))
             lower.plot(time, simulated - measured, color=colour, ls=dash, lw=1.0)
         upper.set_title(f"{excerpt.title}, from {excerpt.start:.2f} s", fontsize=10)
         _label(upper, "", "spool acceleration, m/s²" if column == 0 else "")
@@ -186,8 +182,7 @@ def waveform_figure(overlays: Mapping[str, curves.Overlay], excerpts: Sequence[c
 def ratio_figure(agreements: Mapping[str, Agreement], highest: float) -> Figure:
     """Return the amplitude ratio a_est/a_pom over frequency, up to ``highest`` Hz."""
     looks = styles(list(agreements))
-    figure: Figure
-    figure, axis = plt.subplots(figsize=(WIDTH, 3.8), layout="constrained")
+    figure, axis = subplots(3.8)
     axis.axhline(1.0, color=DARK, lw=0.8)
     axis.axhspan(0.95, 1.05, color="#dddddd", lw=0, zorder=0, label="5 % of the paper's chain")
     for name, found in agreements.items():
@@ -196,7 +191,7 @@ def ratio_figure(agreements: Mapping[str, Agreement], highest: float) -> Figure:
         mean = "" if np.isnan(found.amplitude_ratio) else f", mean {found.amplitude_ratio:.3f}"
         axis.plot(
             found.frequencies[known], found.amplitude_ratios[known], color=colour, ls=dash, marker=marker,
-            ms=4, lw=1.2, label=_said(name) + mean,
+            ms=4, lw=1.2, label=spoken(name) + mean,
         )  # fmt: skip
     low, high = axis.get_ylim()
     axis.set_ylim(max(RATIO_SHOWN[0], min(low, 0.9)), min(RATIO_SHOWN[1], max(high, 1.1)))
@@ -211,11 +206,8 @@ def friction_figure(laws: Mapping[str, curves.FrictionCurve]) -> Figure:
     looks = styles(list(laws))
     columns = 2 if len(laws) in (2, 4) else min(3, len(laws))
     rows = -(-len(laws) // columns)
-    size = (WIDTH, 3.0 * rows + 0.4) if columns > 1 else (WIDTH, 4.6)
-    figure: Figure
-    figure, axes = plt.subplots(
-        rows, columns, figsize=size, layout="constrained", sharex=True, sharey=True, squeeze=False
-    )
+    height = 3.0 * rows + 0.4 if columns > 1 else 4.6
+    figure, axes = subplots(height, rows, columns, sharex=True, sharey=True, squeeze=False)
     panels = list(axes.ravel())
     for number, (name, found) in enumerate(laws.items()):
         axis = panels[number]
@@ -230,7 +222,7 @@ def friction_figure(laws: Mapping[str, curves.FrictionCurve]) -> Figure:
         axis.plot(found.centres, found.law, color=looks[name][0], lw=1.8, zorder=2, label="model")
         axis.axhline(0.0, color=MEASURED, lw=0.6)
         axis.axvline(0.0, color=MEASURED, lw=0.6)
-        axis.set_title(_said(name), fontsize=10)
+        axis.set_title(spoken(name), fontsize=10)
         last_row = number + columns >= len(laws)
         _label(
             axis, "relative velocity, m/s" if last_row else "", "force, N" if number % columns == 0 else ""
@@ -255,8 +247,7 @@ def spectrum_figure(agreements: Mapping[str, Agreement], measured: tuple[Array, 
     ``measured``: frequency (Hz), power density ((m/s^2)^2/Hz) of the spool, and the noise floor.
     """
     looks = styles(list(agreements))
-    figure: Figure
-    figure, axis = plt.subplots(figsize=(WIDTH, 4.2), layout="constrained")
+    figure, axis = subplots(4.2)
     frequency, density, floor = measured
     axis.semilogy(
         frequency[1:], np.sqrt(density[1:]), color=MEASURED, lw=3, alpha=0.6, label="measured spool"
@@ -265,7 +256,7 @@ def spectrum_figure(agreements: Mapping[str, Agreement], measured: tuple[Array, 
         colour, dash, _ = looks[name]
         axis.semilogy(
             found.residual_frequencies[1:], np.sqrt(found.residual_spectrum[1:]), color=colour, ls=dash,
-            lw=1.1, label=f"{_said(name)}: model − measured",
+            lw=1.1, label=f"{spoken(name)}: model − measured",
         )  # fmt: skip
     axis.axhline(
         np.sqrt(floor), color=DARK, lw=1.0, ls=":", label="noise floor of the spool's sensor, at most"
@@ -281,10 +272,7 @@ def spectrum_figure(agreements: Mapping[str, Agreement], measured: tuple[Array, 
 def ranking_figure(ranks: Sequence[Rank]) -> Figure:
     """Return ``ranks``, best first, as a picture, the best on top."""
     looks = styles([entry.model for entry in ranks])
-    figure: Figure
-    figure, axes = plt.subplots(
-        1, 2, figsize=(WIDTH, 1.2 + 0.5 * len(ranks)), layout="constrained", sharey=True
-    )
+    figure, axes = subplots(1.2 + 0.5 * len(ranks), 1, 2, sharey=True)
     axes[0].set_xscale("symlog", linthresh=100.0 * WORTH, linscale=0.7)
     axes[0].axvspan(0.0, 100.0 * WORTH, color="#e4e4e4", lw=0, zorder=0, label="equally well")
     for place, entry in enumerate(ranks):
@@ -301,7 +289,7 @@ def ranking_figure(ranks: Sequence[Rank]) -> Figure:
                 )
     axes[0].set_yticks(
         range(len(ranks)),
-        [f"{_said(entry.model)}\n{entry.parameters} parameters" for entry in ranks],
+        [f"{spoken(entry.model)}\n{entry.parameters} parameters" for entry in ranks],
         fontsize=9,
     )
     axes[0].set_xlim(0.0, max(1000.0 * WORTH, 12.0 * max(100.0 * entry.excess for entry in ranks)))
@@ -337,10 +325,6 @@ def _series(one: FittedSeries, ranking: Ranking) -> list[Markup]:
         html.listing(tables.determined_lines(one)),
         *([html.section(f"Amplitude, friction and spectrum of {title}", others)] if others else []),
     ]
-
-
-def _said(name: str) -> str:
-    return name.replace("_", " ")
 
 
 def _label(axis: Axes, across: str, up: str) -> None:

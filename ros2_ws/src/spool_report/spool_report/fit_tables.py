@@ -10,23 +10,11 @@ from typing import Any
 
 import numpy as np
 from rich.console import Console
+from spool_core import uncertainty
 from spool_core.errors import InputError
 from spool_core.files import load_yaml
 from spool_core.numbers import Array
-from spool_core.uncertainty import (
-    LEGEND,
-    PLUS_MINUS,
-    UNKNOWN,
-    Quantity,
-    by_name,
-    exact,
-    interval,
-    number,
-    percent,
-    unit_text,
-    width,
-    with_interval,
-)
+from spool_core.uncertainty import LEGEND, PLUS_MINUS, Quantity, by_name, interval, number, percent
 from spool_estimator.identification.determination import ONE_SIDED, sentences
 from spool_estimator.identification.fit_result import Fit
 from spool_estimator.identification.free_run import USUAL
@@ -34,7 +22,7 @@ from spool_sim.model import Model, model_from_mapping
 
 from spool_report.outputs import check_output, write_file
 from spool_report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit, damping_ratio, natural_frequency
-from spool_report.terminal import Table
+from spool_report.terminal import Table, spoken
 
 #: What the columns of the ranking mean.
 COLUMNS = (
@@ -122,9 +110,9 @@ def parameter_table(found: Fit) -> Table:
         if not math.isfinite(quantity.value):
             note = bounds.get(quantity.name, "the record does not determine it")
         shown = interval(quantity.value, quantity.standard_deviation)
-        rows.append((quantity.name.replace("_", " "), shown.value, shown.half_width, quantity.unit, note))
+        rows.append((spoken(quantity.name), shown.value, shown.half_width, quantity.unit, note))
     for name, value in found.held.items():
-        rows.append((name.replace("_", " "), exact(value), "", found.model.parameter(name).unit, "fixed"))
+        rows.append((spoken(name), uncertainty.exact(value), "", found.model.parameter(name).unit, "fixed"))
     return Table(("parameter", "value", PLUS_MINUS, "unit", ""), rows, ("value", PLUS_MINUS))
 
 
@@ -152,7 +140,7 @@ def quality_table(validated: ValidatedFit) -> Table:
 def correlations(found: Fit) -> list[str]:
     """Return a line for each pair of parameters that the record hardly distinguishes."""
     return [
-        f"correlation of {first} and {second}: {value:+.3f}".replace("_", " ")
+        spoken(f"correlation of {first} and {second}: {value:+.3f}")
         for (row, first), (column, second) in combinations(enumerate(found.observable), 2)
         if abs(value := float(found.correlation[row, column])) >= ALIKE
     ]
@@ -210,7 +198,7 @@ def series_table(one: FittedSeries) -> Table:
     """Return a row for each model: how well it holds, as in the paper's tables 3 to 6."""
     rows = [
         (
-            validated.name.replace("_", " "),
+            spoken(validated.name),
             _number(math.nan if agreement is None else agreement.objective, ".4g"),
             _number(math.nan if agreement is None else agreement.amplitude_ratio, ".4f"),
             percent(validated.training_error, 3),
@@ -231,13 +219,11 @@ def parameter_lines(validated: ValidatedFit) -> list[str]:
     lines = []
     for quantity in (*found.parameters, *found.combinations):
         if math.isfinite(quantity.value):
-            value = with_interval(quantity.value, quantity.standard_deviation, quantity.unit)
+            value = uncertainty.with_interval(quantity.value, quantity.standard_deviation, quantity.unit)
             bound = ", at its bound" if quantity.name in found.at_bound else ""
-            name = quantity.name.replace("_", " ")
-            lines.append(f"{name} {value}{bound}")
-    untold = [name.replace("_", " ") for name in found.not_observable]
-    if untold:
-        lines.append(f"not determined: {', '.join(untold)}")
+            lines.append(f"{spoken(quantity.name)} {value}{bound}")
+    if found.not_observable:
+        lines.append(f"not determined: {', '.join(map(spoken, found.not_observable))}")
     if not found.converged:
         lines.append("NOT converged")
     return lines
@@ -247,7 +233,7 @@ def ranking_table(ranking: Ranking) -> Table:
     """Return a row for each model, best first; means over the series, as the paper's table 7."""
     rows = [
         (
-            entry.model.replace("_", " "),
+            spoken(entry.model),
             str(entry.parameters or ""),
             _number(entry.error, ".4g"),
             ""
@@ -269,7 +255,7 @@ def ranking_table(ranking: Ranking) -> Table:
 def determined_lines(one: FittedSeries) -> list[str]:
     """Return what a series determines of each model at its start values, a line each."""
     return [
-        f"{validated.name.replace('_', ' ')}, before the fit: {'; '.join(line.rstrip('.') for line in known)}"
+        f"{spoken(validated.name)}, before the fit: {'; '.join(line.rstrip('.') for line in known)}"
         for validated in one.validated
         if (known := sentences(validated.fit.determinations))
     ]
@@ -280,7 +266,7 @@ def print_comparison(series: Sequence[FittedSeries], ranking: Ranking, console: 
     for one in series:
         console.print(f"[bold]{one.data.name}[/bold] ({one.data.valve.id})", highlight=False)
         for validated in one.validated:
-            text = f"  {validated.name.replace('_', ' ')}: {', '.join(parameter_lines(validated))}"
+            text = f"  {spoken(validated.name)}: {', '.join(parameter_lines(validated))}"
             console.print(text, markup=False, highlight=False, soft_wrap=True)
         for line in determined_lines(one):
             console.print(f"  {line}", markup=False, highlight=False, soft_wrap=True)
@@ -333,7 +319,7 @@ def save_model(
             found = known.get(parameter.name)
             note = "held" if found is None else "one choice of several that act alike"
             if found is not None and math.isfinite(found.value):
-                note = width(found.value, found.standard_deviation)
+                note = uncertainty.width(found.value, found.standard_deviation)
             lines.append(f"  {parameter.name}: {float(values[parameter.name])!r}  # {parameter.unit}, {note}")
     names, matrix = correlated
     kept = [
@@ -363,7 +349,7 @@ def save_model(
 
 
 def _with_unit(value: float, unit: str) -> str:
-    return f"{number(value)}{unit_text(unit)}" if math.isfinite(value) else UNKNOWN
+    return f"{number(value)}{uncertainty.unit_text(unit)}" if math.isfinite(value) else uncertainty.UNKNOWN
 
 
 def _number(value: float, digits: str) -> str:

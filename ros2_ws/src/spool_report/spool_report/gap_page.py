@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-import matplotlib.pyplot as plt
 import numpy as np
 from markupsafe import Markup
 from matplotlib.figure import Figure
@@ -16,8 +15,8 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.result import Curves, GapResult, Surface, Where
 
 from spool_report import page as html
-from spool_report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, WIDTH, Exhibit, LeftOut, plain
-from spool_report.terminal import Table
+from spool_report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, Exhibit, LeftOut, plain, subplots
+from spool_report.terminal import Table, spoken
 
 WHERE = (
     "Where the missing force sits, as shares of its energy before anything was added; after is drawn in the "
@@ -63,7 +62,7 @@ def gap_page(
     title = {
         "none": f"{result.record}: nothing is missing",
         "unexplained": f"{result.record}: something is missing that has no name here",
-    }.get(result.verdict, f"{result.record}: {_said(result.verdict).replace('+', ' and ')}")
+    }.get(result.verdict, f"{result.record}: {spoken(result.verdict).replace('+', ' and ')}")
     before, after = result.before, result.after
     what = "spool acceleration" if result.kind == "accelerations" else "force"
     errors = (before.nrmse, after.nrmse, result.known_floor)
@@ -112,7 +111,7 @@ def _what_was_found(result: GapResult) -> list[Markup]:
     if result.candidates:
         known = {name: EFFECTS[name] for name in result.candidates if name in EFFECTS}
         checks = {name: f": {one.on_the_machine}; check {one.to_check}" for name, one in known.items()}
-        candidates = [f"{_said(name)}{checks.get(name, '')}" for name in result.candidates]
+        candidates = [f"{spoken(name)}{checks.get(name, '')}" for name in result.candidates]
         sections += [html.heading("Closest candidates"), html.listing(candidates)]
     return sections
 
@@ -146,7 +145,7 @@ def _hypotheses(result: GapResult) -> list[Markup]:
     """Return how the hypotheses rank, nothing where none was tried."""
     if not result.ranking:
         return []
-    first = ", ".join(f"{_said(row.id)} {100.0 * row.nrmse_after:.2g} %" for row in result.ranking[:3])
+    first = ", ".join(f"{spoken(row.id)} {100.0 * row.nrmse_after:.2g} %" for row in result.ranking[:3])
     parts = [
         html.drawing(ranking_figure(result), RANKING, f"Held-out error with the first ones: {first}."),
         html.table(Table(*report.hypotheses(result))),
@@ -182,8 +181,7 @@ def where_figure(before: Where, after: Where, share_left: float) -> Figure:
         ("phase (0: outermost)", before.phase, after.phase),
         ("direction", before.direction, after.direction),
     )
-    figure: Figure
-    figure, axes = plt.subplots(2, 3, figsize=(WIDTH, 5.2), layout="constrained")
+    figure, axes = subplots(5.2, 2, 3)
     for axis, (name, first, last) in zip(axes.ravel(), rows, strict=True):
         places = np.arange(len(first))
         axis.bar(places - 0.2, [100.0 * s.share for s in first], 0.4, color=BEFORE, label="before")
@@ -210,8 +208,7 @@ def surface_figure(before: Surface, after: Surface) -> Figure:
     """Return the restoring-force surface of the gap, before and after, in one scale."""
     known = np.abs(before.force[np.isfinite(before.force)])
     top = float(np.quantile(known, 0.99)) if known.size else 1.0
-    figure: Figure
-    figure, axes = plt.subplots(1, 2, figsize=(WIDTH, 4.0), layout="constrained", sharey=True)
+    figure, axes = subplots(4.0, 1, 2, sharey=True)
     mesh = None
     for axis, surface, title in zip(axes, (before, after), ("before", "after"), strict=True):
         axis.set_facecolor("#eeeeee")
@@ -233,9 +230,7 @@ def profile_figure(profiles: Sequence[ProfileLikelihood]) -> Figure:
     """Return the profile likelihood of each number, with the threshold of its 95 % interval."""
     columns = min(3, len(profiles))
     rows = -(-len(profiles) // columns)
-    figure: Figure
-    size = (WIDTH, 0.6 + 2.2 * rows)
-    figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
+    figure, axes = subplots(0.6 + 2.2 * rows, rows, columns, squeeze=False)
     for axis, profile in zip(axes.ravel(), profiles, strict=False):
         axis.plot(profile.values, profile.rises, marker="o", ms=3, color=AFTER)
         axis.axhline(RISE_95, color=FLOOR, lw=1.2, ls=(0, (4, 2)))
@@ -243,7 +238,7 @@ def profile_figure(profiles: Sequence[ProfileLikelihood]) -> Figure:
         axis.set_ylim(-0.3, 3.0 * RISE_95)
         axis.set_title(profile.verdict, fontsize=8)
         unit = "" if profile.unit == "1" else f", {profile.unit}"
-        axis.set_xlabel(f"{profile.name.replace('_', ' ')}{unit}", fontsize=8)
+        axis.set_xlabel(f"{spoken(profile.name)}{unit}", fontsize=8)
         axis.tick_params(labelsize=7)
         plain(axis)
     for axis in axes.ravel()[len(profiles) :]:
@@ -257,16 +252,15 @@ def ranking_figure(result: GapResult) -> Figure:
     """Return the error that each hypothesis leaves, by what it was tried jointly with."""
     rows = [row for row in result.ranking if np.isfinite(row.nrmse_after)][: report.RANKED][::-1]
     top = 1.3 * max(result.before.nrmse, 1e-6)
-    figure: Figure
-    figure, axis = plt.subplots(figsize=(WIDTH, 1.4 + 0.3 * len(rows)), layout="constrained")
+    figure, axis = subplots(1.4 + 0.3 * len(rows))
     for place, row in enumerate(rows):
         length = min(row.nrmse_after, top)
         axis.barh(place, 100.0 * length, 0.62, color=AFTER if row.accepted else "#bbbbbb")
         text = f"{100.0 * row.nrmse_after:.2g} %" + ("  accepted" if row.accepted else "")
         axis.text(100.0 * length, place, f" {text}", va="center", fontsize=7.5)
     labels = [
-        _said(row.id)
-        + (f"  (jointly with {', '.join(map(_said, row.jointly_with))})" if row.jointly_with else "")
+        spoken(row.id)
+        + (f"  (jointly with {', '.join(map(spoken, row.jointly_with))})" if row.jointly_with else "")
         for row in rows
     ]
     axis.set_yticks(range(len(rows)), labels, fontsize=8)
@@ -282,10 +276,7 @@ def waveform_figure(curves: Curves) -> Figure:
     """Return measured and simulated signal before and after, and the residual."""
     what, unit = ("force", "N") if curves.unit == "N" else ("spool acceleration", "m/s²")
     time = curves.time - curves.time[0]
-    figure: Figure
-    figure, (upper, lower) = plt.subplots(
-        2, 1, figsize=(WIDTH, 5.4), layout="constrained", sharex=True, height_ratios=(3, 2)
-    )
+    figure, (upper, lower) = subplots(5.4, 2, sharex=True, height_ratios=(3, 2))
     upper.plot(time, curves.measured, color=MEASURED, lw=3.2, alpha=0.7, label="measured")
     for row, colour, dash, name in (
         (curves.before, BEFORE, (0, (5, 2)), "before"), (curves.after, AFTER, "-", "after"),
@@ -302,8 +293,7 @@ def waveform_figure(curves: Curves) -> Figure:
 
 def spectrum_figure(curves: Curves, noise: str = "noise alone") -> Figure:
     """Return the spectra of the measured signal, of the residual before and after, and of the noise floor."""
-    figure: Figure
-    figure, axis = plt.subplots(figsize=(WIDTH, 3.8), layout="constrained")
+    figure, axis = subplots(3.8)
     inside = curves.frequency > 0.0
     for row, colour, dash, width, name in (
         (curves.measured_density, MEASURED, "-", 2.6, "measured"),
@@ -324,7 +314,3 @@ def spectrum_figure(curves: Curves, noise: str = "noise alone") -> Figure:
     plain(axis, "frequency, Hz", f"amplitude density, {unit}/√Hz")
     axis.legend(fontsize=8, ncols=4, loc="lower right", bbox_to_anchor=(1.0, 1.0), frameon=False)
     return figure
-
-
-def _said(name: str) -> str:
-    return name.replace("_", " ")

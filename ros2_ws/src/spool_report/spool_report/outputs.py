@@ -25,7 +25,7 @@ from xml.etree import ElementTree
 
 from spool_core.errors import InputError, removed_folder
 from spool_core.system import remove, write_durably
-from spool_core.text import printable
+from spool_core.text import plural, printable
 from spool_core.uncertainty import as_json
 
 if TYPE_CHECKING:
@@ -228,8 +228,7 @@ class ResultFiles:
 
 def damaged_places(damages: Sequence[Damage]) -> str:
     """Return how many places of a bag are damaged, and how much of it."""
-    places = "1 damaged place" if len(damages) == 1 else f"{len(damages)} damaged places"
-    return f"{places} ({sum(damage.size for damage in damages)} bytes)"
+    return f"{plural(len(damages), 'damaged place')} ({sum(damage.size for damage in damages)} bytes)"
 
 
 def lost_messages(count: int, *, estimated: bool) -> str:

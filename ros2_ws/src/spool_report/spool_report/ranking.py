@@ -27,6 +27,7 @@ from spool_sim.observation import INSTANTS
 
 from spool_report.fit_curves import Overlay, overlay, sensor_noise
 from spool_report.records.record_loading import FitData
+from spool_report.terminal import spoken
 
 #: By how much a larger model must cut the error, 1.
 WORTH = 0.03
@@ -304,24 +305,24 @@ def _sentences(
     larger = [entry for entry in equal[1:] if entry.parameters > best.parameters]
     if twins:
         said.append(
-            f"{_names([best, *twins])} cannot be distinguished on these data: the same number of parameters, "
+            f"{_names(best, *twins)} cannot be distinguished on these data: the same number of parameters, "
             f"and errors within {100.0 * WORTH:g} %."
         )
     elif worse:
         ratio = worse[0].error / best.error
         more = f"{ratio:.1f} times as much" if ratio >= 2.0 else f"{100.0 * (ratio - 1.0):.0f} % more"
         said.append(
-            f"{_said(best)} is preferred: the next different model, {_said(worse[0])}, leaves {more} error."
+            f"{_names(best)} is preferred: the next different model, {_names(worse[0])}, leaves {more} error."
         )
     else:
-        said.append(f"{_said(best)} is preferred: no other does better, and it has the fewest parameters.")
+        said.append(f"{_names(best)} is preferred: no other does better, and it has the fewest parameters.")
     if larger:
         verb = "fits" if len(larger) == 1 else "fit"
         few, most = (
             extreme(entry.parameters for entry in larger) - best.parameters for extreme in (min, max)
         )
         said.append(
-            f"{_names(larger)} {verb} equally well with {few if few == most else f'{few} to {most}'} more "
+            f"{_names(*larger)} {verb} equally well with {few if few == most else f'{few} to {most}'} more "
             f"parameter{'s' if most > 1 else ''}; the data do not justify this."
         )
     known = [entry for entry in (*equal, *worse) if math.isfinite(entry.criterion)]
@@ -331,28 +332,24 @@ def _sentences(
         less = f"reduces the error by only {100.0 * cut:.1f} %" if cut > 0.0 else "does not reduce the error"
         said.append(
             f"The information criterion alone, which takes each model's own residual for its noise, prefers "
-            f"{_said(certain)}, by {best.criterion - certain.criterion:.0f}; {_said(certain)} {less}, and "
+            f"{_names(certain)}, by {best.criterion - certain.criterion:.0f}; {_names(certain)} {less}, and "
             "the error decides."
         )
     if best.error > UNEXPLAINED * noise:
         said.append(
-            f"Even {_said(best)} leaves {best.error / noise:.1f} times the noise of the spool's sensor: "
+            f"Even {_names(best)} leaves {best.error / noise:.1f} times the noise of the spool's sensor: "
             "something is missing in all of these models; ./spool gap looks for it."
         )
     doubtful = [entry for entry in (*equal, *worse) if entry.model in unsure]
     if doubtful:
-        said.append(f"{_names(doubtful)} did not converge: might do better.")
-    said += [f"{_said(entry)} has no result: {entry.reason}." for entry in lost]
+        said.append(f"{_names(*doubtful)} did not converge: might do better.")
+    said += [f"{_names(entry)} has no result: {entry.reason}." for entry in lost]
     return tuple(said)
 
 
-def _said(entry: Rank) -> str:
-    return entry.model.replace("_", " ")
-
-
-def _names(entries: Sequence[Rank]) -> str:
-    names = [_said(entry) for entry in entries]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
+def _names(*entries: Rank) -> str:
+    *others, last = (spoken(entry.model) for entry in entries)
+    return f"{', '.join(others)} and {last}" if others else last
 
 
 def _mean(values: Sequence[float]) -> float:

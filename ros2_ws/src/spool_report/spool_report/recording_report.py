@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-import matplotlib.pyplot as plt
 import numpy as np
 from markupsafe import Markup
 from matplotlib.axes import Axes
@@ -19,9 +18,9 @@ from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, interval
 
 from spool_report import page as html
-from spool_report.evidence.exhibit import Exhibit, LeftOut
+from spool_report.evidence.exhibit import Exhibit, LeftOut, subplots
 from spool_report.outputs import sources
-from spool_report.terminal import Table
+from spool_report.terminal import Table, spoken
 
 #: Okabe and Ito's colours: apart for the colour-blind and in print.
 BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"
@@ -86,8 +85,7 @@ def draw_valve(
     time, body, spool = peaks.T
     estimates = list(reader.messages(f"/{name}/estimate")) if f"/{name}/estimate" in reader.topics else []
     health = list(reader.messages(f"/{name}/health")) if f"/{name}/health" in reader.topics else []
-    figure: Figure
-    figure, axes = plt.subplots(4, 1, figsize=(9, 9.5), sharex=True, layout="constrained")
+    figure, axes = subplots(9.5, 4, sharex=True)
     relative = time - start
     axes[0].fill_between(relative, -spool, spool, color=SPOOL, alpha=0.7, lw=0, label="spool")
     axes[0].fill_between(relative, -body, body, color=BODY, alpha=0.8, lw=0, label="body")
@@ -204,7 +202,7 @@ def _spans(events: list[dict[str, Any]], end: float) -> list[tuple[str, float, f
 
 def _parameters(valve: Mapping[str, Any]) -> Markup:
     rows = [
-        (name.replace("_", " "), shown.value, shown.half_width, one["unit"])
+        (spoken(name), shown.value, shown.half_width, one["unit"])
         for name, one in valve["estimate"]["parameters"].items()
         for shown in (interval(one["value"], one["std"]),)
     ]

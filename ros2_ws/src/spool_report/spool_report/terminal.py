@@ -27,6 +27,11 @@ def cell(text: object, style: str = "") -> Text:
     return Text(printable(text), style=style)
 
 
+def spoken(name: str) -> str:
+    """Return the ``name`` of a model, an effect or a parameter for people, e.g. ``coulomb force``."""
+    return name.replace("_", " ")
+
+
 @dataclass(frozen=True, slots=True)
 class Table:
     """Table of a result: the terminal and the page show the same.

@@ -18,7 +18,7 @@ from spool_core.block import Block
 from spool_core.cdr import OilTemperature, encode_block, encode_temperature
 from spool_estimator.identification.record import PartKeeper
 from spool_report.requests import ReplayRequest
-from spool_report.runs.record_replay import SHIPPED, replay_bag, replay_valve
+from spool_report.runs.record_replay import ReplaySettings, replay_bag, replay_valve
 from spool_sim.excitation import PRESETS
 from spool_sim.simulator import Simulator
 from spool_sim.valve import find_valve
@@ -95,7 +95,7 @@ def write(path: Path, blocks: Sequence[Block], warm: int) -> None:
 def outcome(path: Path) -> list[str]:
     """Return every number of a replay: the JSON, estimates and events, the traces of the tests, the parts."""
     reader, timeline, parts = BagReader(path), Timeline(), PartKeeper(200_000)
-    settings = SHIPPED.changed(baseline_time=3.0)
+    settings = ReplaySettings({"baseline_time": 3.0})
     one = replay_valve(reader, "valve_1", VALVE, settings, keep=True, timeline=timeline, parts=parts)
     records = [(part.start, part.body.tobytes(), part.spool.tobytes()) for part in parts.records("x")]
     told = [one.estimates, one.events, one.monitor.health, one.trace, timeline, records, one.samples]

@@ -14,7 +14,7 @@ from spool_report.outputs import write_json
 from spool_report.recording_report import replay_page
 from spool_report.records.simulation import simulate
 from spool_report.requests import ReplayRequest, SimulationSettings
-from spool_report.runs.record_replay import SHIPPED, replay_bag, replay_valve, settings_from
+from spool_report.runs.record_replay import SHIPPED, ReplaySettings, replay_bag, replay_valve, settings_from
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
 
@@ -297,7 +297,8 @@ def test_the_time_of_the_baseline_reaches_the_monitor(
 ) -> None:
     reader = BagReader(make_bag(tmp_path / "bag", {"a": recorded(seconds=8.0)}))
     short, long = (
-        replay_valve(reader, "a", SOFT, SHIPPED.changed(baseline_time=time)) for time in (3.0, None)
+        replay_valve(reader, "a", SOFT, settings)
+        for settings in (ReplaySettings({"baseline_time": 3.0}), SHIPPED)
     )
     assert short.monitor.detection.parameters["coulomb_force"].baseline.frozen
     assert not long.monitor.detection.parameters["coulomb_force"].baseline.frozen

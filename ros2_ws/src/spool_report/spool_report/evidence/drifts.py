@@ -9,19 +9,8 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, number, with_interval
 from spool_monitor.drift_trace import DriftPoint
-from spool_report.evidence.exhibit import (
-    AFTER,
-    BEFORE,
-    DARK,
-    FLOOR,
-    MEASURED,
-    Exhibit,
-    Line,
-    Mark,
-    Panel,
-    drawn,
-    thinned,
-)
+from spool_report.evidence import exhibit
+from spool_report.evidence.exhibit import Exhibit, Line, Mark, Panel
 
 DRIFT_CAPTION = (
     "Above: estimates with their 95 % band; grey: baseline of the healthy valve with its own; dashed: the "
@@ -37,7 +26,7 @@ MARKED = 24
 
 def title_of(name: str) -> str:
     """Return the title of the picture of the parameter ``name``."""
-    return f"Drift of the {name.replace('_', ' ').replace('coulomb', 'Coulomb')}"
+    return f"Drift of the {_words(name)}"
 
 
 def drift(name: str, unit: str, points: Sequence[DriftPoint], first: int, marks: Sequence[Mark]) -> Exhibit:
@@ -67,11 +56,11 @@ def drift(name: str, unit: str, points: Sequence[DriftPoint], first: int, marks:
     if not np.isfinite(table[:, 0]).any():
         raise InputError("the estimator gave no value of it in this record")
     time = np.asarray((stamps[rising] - first) * 1e-9, dtype=np.float64)
-    x, *rows = thinned(time, *table.T)
+    x, *rows = exhibit.thinned(time, *table.T)
     value, deviation, baseline, spread, matters, up, down, threshold = rows
     half, wide = Z_95 * deviation, Z_95 * spread
     limits = [
-        Line(label, baseline + factor * matters, DARK, dash, width=0.9)
+        Line(label, baseline + factor * matters, exhibit.DARK, dash, width=0.9)
         for label, dash, size in (("change that matters", (6, 3), 1.0), ("alarm", (2, 2), 2.0))
         for factor in (-size, size)
     ]
@@ -87,24 +76,24 @@ def drift(name: str, unit: str, points: Sequence[DriftPoint], first: int, marks:
         Panel(
             "time since the start of the record, s", f"{_words(name)}, {unit}", x,
             (
-                Line("baseline", baseline, MEASURED, (), baseline - wide, baseline + wide, 1.6),
+                Line("baseline", baseline, exhibit.MEASURED, (), baseline - wide, baseline + wide, 1.6),
                 *limits,
-                Line("estimate", value, AFTER, (), value - half, value + half, 1.2),
+                Line("estimate", value, exhibit.AFTER, (), value - half, value + half, 1.2),
             ),
             marks=tuple(marks[:MARKED]), span=span,
         ),
         Panel(
             "time since the start of the record, s", "cumulative sum, s", x,
             (
-                Line("sum of a rise", up, BEFORE, (6, 3), width=1.3),
-                Line("sum of a fall", down, AFTER, width=1.3),
-                Line("threshold", threshold, FLOOR, (2, 2), width=1.2),
+                Line("sum of a rise", up, exhibit.BEFORE, (6, 3), width=1.3),
+                Line("sum of a fall", down, exhibit.AFTER, width=1.3),
+                Line("threshold", threshold, exhibit.FLOOR, (2, 2), width=1.2),
             ),
             marks=tuple(marks[:MARKED]), span=None if top is None else (0.0, top),
         ),
     )  # fmt: skip
     seen = _drift_seen(name, unit, time, table)
-    return Exhibit(title_of(name), drawn(panels, (3, 2), 5.2), DRIFT_CAPTION, seen, panels)
+    return Exhibit(title_of(name), exhibit.drawn(panels, (3, 2), 5.2), DRIFT_CAPTION, seen, panels)
 
 
 def _drift_seen(name: str, unit: str, time: Array, table: Array) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import matplotlib
 import matplotlib.pyplot as plt
@@ -109,16 +110,19 @@ class LeftOut:
     reason: str
 
 
+def subplots(height: float, rows: int = 1, columns: int = 1, **how: Any) -> tuple[Figure, Any]:
+    """Return a figure across the page, ``height`` inches high, and its axes, as Matplotlib does."""
+    figure, axes = plt.subplots(rows, columns, figsize=(WIDTH, height), layout="constrained", **how)
+    return figure, axes
+
+
 def drawn(panels: Sequence[Panel], heights: Sequence[float], height: float) -> Figure:
     """Return ``panels`` below each other, ``height`` inches in all, shared out as ``heights``.
 
     A legend stands over a panel that has other lines than the one above; events are named in the first.
     """
-    figure: Figure
     alike = len({panel.across for panel in panels}) == 1
-    figure, axes = plt.subplots(
-        len(panels), 1, figsize=(WIDTH, height), layout="constrained", sharex=alike, height_ratios=heights
-    )
+    figure, axes = subplots(height, len(panels), sharex=alike, height_ratios=heights)
     before: list[str] = []
     for axis, panel in zip(axes, panels, strict=True):
         for line in panel.lines:

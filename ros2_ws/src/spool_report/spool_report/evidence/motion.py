@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
@@ -264,9 +263,7 @@ def loops_from(
 
 def force_loops(loops: Loops) -> exhibit.Exhibit:
     """Return the picture of ``loops``."""
-    figure, axes = plt.subplots(
-        2, 2, figsize=(exhibit.WIDTH, 6.4), layout="constrained", sharex="col", sharey="row"
-    )
+    figure, axes = exhibit.subplots(6.4, 2, 2, sharex="col", sharey="row")
     looks = dict(zip(loops.models, LOOKS[-len(loops.models) :], strict=True))
     for column, (across, label, profiles) in enumerate(
         (

@@ -11,14 +11,13 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
-import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 from spool_core.numbers import Array, Complex
 from spool_core.uncertainty import number
 from spool_estimator.identification.record import Record
-from spool_report.evidence.exhibit import AFTER, BEFORE, DASHED, WIDTH, Exhibit, plain
+from spool_report.evidence.exhibit import AFTER, BEFORE, DASHED, Exhibit, plain, subplots
 
 #: s of a piece at most: lines of 0.5 Hz, finer than the resonance of any spool is wide.
 LONGEST_PIECE = 2.0
@@ -222,7 +221,7 @@ def campbell(shown: Spectrogram, natural: Mapping[str, Frequency], unit: str = "
     """Return the picture of ``shown`` with the natural frequencies by name, at most two."""
     power = np.log10(np.maximum(shown.density, 1e-30))
     top = float(power.max())
-    figure, axis = plt.subplots(figsize=(WIDTH, 4.4), layout="constrained")
+    figure, axis = subplots(4.4)
     # Gaps of a record stay white: each piece of the picture ends where its columns do.
     columns = np.flatnonzero(np.diff(shown.time) > 3.0 * shown.length + 3.0 * np.median(np.diff(shown.time)))
     edges = [0, *(columns + 1).tolist(), shown.time.size]

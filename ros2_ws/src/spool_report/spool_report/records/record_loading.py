@@ -25,14 +25,8 @@ from spool_estimator.identification.channel_faults import ChannelFault, faults_o
 from spool_estimator.identification.record import PartKeeper, Record, records_from_blocks, without_strokes
 from spool_estimator.plausibility import check_records
 from spool_estimator.record_judgement import changing, check_rate, check_samples, doubts_of
-from spool_report.records.record_sources import (
-    TableSource,
-    is_table,
-    record_of_table,
-    recorded_valve,
-    span_of,
-    split_name,
-)
+from spool_report.records import record_sources
+from spool_report.records.record_sources import TableSource, is_table, split_name
 from spool_report.requests import Selection
 from spool_sim.valve import Valve, find_valve, shipped_valves
 
@@ -124,7 +118,7 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
     oil: list[tuple[int, float]] = []
     speeds: list[tuple[int, float]] = []
     if is_table(path):
-        table = record_of_table(path, columns=chosen.columns, how=chosen.how)
+        table = record_sources.record_of_table(path, columns=chosen.columns, how=chosen.how)
         stretches, notes = stretches_of_table(table, str(path)), table.notes
         items = stream_of(table, start_of(table)) if SPEED in table.columns else ()
         speeds = [(one.stamp, one.rpm) for one in items if isinstance(one, Speed)]
@@ -134,7 +128,7 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
                 f"{path}: a bag states its units and rate: leave --unit, --scale, --rate and --exclude out"
             )
         notes = import_notes(path)
-        reader = BagReader(path, span=span_of(path, chosen.when))
+        reader = BagReader(path, span=record_sources.span_of(path, chosen.when))
         name = valve_in(reader, chosen.name)
         blocks = _blocks_beside(reader.stream(name), oil, speeds)
         if chosen.longest is None:
@@ -145,7 +139,7 @@ def load_recording(path: Path, selection: Selection | None = None) -> Recording:
                 keeper.take(block)
             stretches = keeper.records(str(path), oil)
         stretches = [replace(one, rate_std=rate_std(path)) for one in stretches]
-        described = recorded_valve(reader, name) if chosen.described else None
+        described = record_sources.recorded_valve(reader, name) if chosen.described else None
     if not stretches:
         raise InputError(f"{path}: no sample in it that can be used")
     # What lies between start and stop, s since the first sample.
@@ -509,7 +503,7 @@ def _valve_or_name(valve: str, paths: Sequence[Path], name: str | None) -> tuple
 
 
 def _without_file(source: Source, name: str) -> ChosenValve:
-    recorded = None if isinstance(source, TableSource) else recorded_valve(source, name)
+    recorded = None if isinstance(source, TableSource) else record_sources.recorded_valve(source, name)
     if recorded is not None:
         return ChosenValve(recorded, "recorded")
     return ChosenValve(find_valve(DEFAULT_VALVE), "assumed", DEFAULT_VALVE)

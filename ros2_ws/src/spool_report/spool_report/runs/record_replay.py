@@ -39,7 +39,7 @@ from spool_report.outputs import sources, write_file
 from spool_report.records import record_loading
 from spool_report.records.record_sources import TableSource, span_of
 from spool_report.requests import ReplayRequest, Selection
-from spool_report.terminal import cell, progress, warn
+from spool_report.terminal import cell, progress, spoken, warn
 from spool_sim.model import load_model
 from spool_sim.valve import Valve
 
@@ -61,13 +61,6 @@ class ReplaySettings:
     monitor: Mapping[str, float] = field(default_factory=dict)
     estimator: Mapping[str, Any] = field(default_factory=dict)
     file: str = ""
-
-    def changed(self, *, baseline_time: float | None = None) -> ReplaySettings:
-        """Return these settings but for the baseline's time (s), where it is given."""
-        monitor = self.monitor
-        if baseline_time is not None:
-            monitor = {**monitor, BASELINE_TIME.name: baseline_time}
-        return replace(self, monitor=monitor)
 
     def limits(self, valve: Valve) -> MonitorSettings:
         """Return the monitor's settings for ``valve``, whose frequency counts where no other is given."""
@@ -157,9 +150,12 @@ def replay_bag(
     result: dict[str, Any] = {"bag": str(path), "duration_s": None, "valves": {}}
     times = {name: Timeline() for name in names}
     parts = {name: PartKeeper(SHOWN) for name in names} if report is not None else {}
-    settings = {
-        name: settings_from(request.params_file, name).changed(baseline_time=baseline_time) for name in names
-    }
+    settings = {name: settings_from(request.params_file, name) for name in names}
+    if baseline_time is not None:
+        settings = {
+            name: replace(one, monitor={**one.monitor, BASELINE_TIME.name: baseline_time})
+            for name, one in settings.items()
+        }
     replays: dict[str, Replay] = {}
     for name in names:
         replays[name] = result["valves"][name] = replay_valve(
@@ -203,10 +199,10 @@ def print_replay(result: Mapping[str, Any], console: Console) -> None:
         state = str(valve["estimate"]["state"] or "no estimate").replace("_", " ")
         console.print(f"  final estimate: {state} ({LEGEND})", highlight=False, soft_wrap=True)
         for parameter, quantity in valve["estimate"]["parameters"].items():
-            console.print(f"  {parameter.replace('_', ' '):22} {_number(quantity)}", highlight=False)
+            console.print(f"  {spoken(parameter):22} {_number(quantity)}", highlight=False)
         for found in valve.get("refits", ()):
             fitted = ", ".join(
-                f"{name.replace('_', ' ')} {_number(found['parameters'][name])}" for name in found["fitted"]
+                f"{spoken(name)} {_number(found['parameters'][name])}" for name in found["fitted"]
             )
             text = f"refit {found['state'].replace('_', ' ')}: {fitted or found['reason']}"
             console.print(cell(f"  {found['t_s']:8.1f} s  {text}"), soft_wrap=True)
