@@ -22,8 +22,7 @@ from spool_bag.importing.csv_cells import (
     kind_of,
     may_be_hexadecimal,
 )
-from spool_bag.importing.csv_settings import key_and_text, stated_above
-from spool_bag.importing.settings import Settings, StatedRate
+from spool_bag.importing.settings import Settings, StatedRate, key_and_text, stated_above
 from spool_bag.importing.table import MOST_CHANNELS, Channel, Group, unique
 from spool_bag.importing.units import NO_UNIT, WORDS, is_unit, quantity_of, split_header
 
