@@ -13,7 +13,7 @@ from spool_core.text import printable
 from spool_core.uncertainty import EMPTY_IS_NULL
 
 from spool_bag import BODY, COMMAND, SPOOL, TACHO, TIME
-from spool_bag.importing import roles
+from spool_bag.importing import roles, units
 from spool_bag.importing.choices import QUANTITIES, Choices, short, typed
 from spool_bag.importing.roles import Channels, Source
 from spool_bag.importing.table import LOG_TIME, STAMP, Group, Table
@@ -29,11 +29,7 @@ _EXAMPLES = {
 #: What a sensor puts out that loggers write in units with and without a prefix.
 _PREFIXED = ("voltage", "current", "charge")
 #: Names of a column of fractions of a second beside whole seconds, and their size in s.
-_FRACTIONS = {
-    "ms": 1e-3, "msec": 1e-3, "millis": 1e-3, "millisecond": 1e-3, "milliseconds": 1e-3,
-    "millisekunden": 1e-3, "us": 1e-6, "usec": 1e-6, "micros": 1e-6, "microsecond": 1e-6,
-    "microseconds": 1e-6, "ns": 1e-9, "nanoseconds": 1e-9, "nanosec": 1e-9, "nsec": 1e-9, "nsecs": 1e-9,
-}  # fmt: skip
+_FRACTIONS = units.meanings(units.VOCABULARY["fractions"])
 
 Array = NDArray[np.floating]
 

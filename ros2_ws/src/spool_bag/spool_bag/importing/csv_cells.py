@@ -16,6 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.errors import InputError
 
+from spool_bag.importing.units import VOCABULARY
+
 if TYPE_CHECKING:
     import pyarrow as pa
 
@@ -32,11 +34,7 @@ _GROUPED = {
 #: Marks between thousands, by the decimal mark.
 GROUP_MARKS = {".": ",'’\u00a0\u202f", ",": ".'’\u00a0\u202f "}
 #: What loggers write where there is no value.
-HOLES = (
-    "-", "--", "---", "#N/A", "#NV", "#N/V", "N/A", "n/a", "NA", "na", "NULL", "null", "None", "none",
-    "NaN", "nan", "NAN", "#NUM!", "#VALUE!", "#DIV/0!", "#REF!", "*", "***", "?", "1.#QNAN",
-    "-1.#IND", "1.#IND", "-nan", "-NaN",
-)  # fmt: skip
+HOLES: tuple[str, ...] = tuple(VOCABULARY["holes"])
 _HOLES = frozenset(HOLES)
 #: Counts as they are in a register of a converter, and why they are not read: their sign is not known.
 HEXADECIMAL = re.compile(r"(?:0[xX])?[0-9A-Fa-f]{3,}")
@@ -107,25 +105,9 @@ _PIECE = 1 << 21
 _PROBE = 1 << 16
 
 #: Encodings of text that is not Unicode, and their usual names, most common first.
-_SINGLE = {
-    "cp1252": "Windows-1252 (Western European)",
-    "gb18030": "GBK (simplified Chinese)",
-    "cp932": "Shift-JIS (Japanese)",
-    "cp1251": "Windows-1251 (Cyrillic)",
-    "cp1250": "Windows-1250 (Central European)",
-    "big5": "Big5 (traditional Chinese)",
-    "cp949": "EUC-KR (Korean)",
-    "cp850": "DOS 850 (Western European)",
-}
+_SINGLE: dict[str, str] = VOCABULARY["encodings"]
 #: Words and units that stand above the samples of loggers; one of them found decides for an encoding.
-_WORDS = re.compile(
-    r"s²|°[cf]|µ[msvg]|gehäuse|öl|größe|für|prüf|über|zähler|länge|kanäle|(?<=[a-z])[éèçñãäöüß](?=[a-z])|"
-    r"时间|时刻|阀|通道|采样|采集|温度|加速度|速度|位移|压力|测量|数据|日期|油温|频率|单位|序号|传感|"
-    r"時間|時刻|測定|チャンネル|ボディ|スプール|サンプ|加速度|温度|変位|圧力|周波数|単位|日時|データ|"
-    r"время|корпус|золотник|канал|температур|ускорени|датчик|частот|масл|давлени|перемещ|дата|"
-    r"częst|przysp|próbk|położ|ciśn|zrychl|teplot|čas|idő|時|시간|가속도|온도|채널|밸브|스풀",
-    re.IGNORECASE,
-)
+_WORDS = re.compile("|".join(VOCABULARY["above_samples"]), re.IGNORECASE)
 
 
 def kind_of(cell: str, decimal: str) -> Kind:

@@ -24,14 +24,12 @@ from spool_bag.importing.csv_cells import (
 )
 from spool_bag.importing.settings import Settings, StatedRate, key_and_text, stated_above
 from spool_bag.importing.table import MOST_CHANNELS, Channel, Group, unique
-from spool_bag.importing.units import NO_UNIT, WORDS, is_unit, quantity_of, split_header
+from spool_bag.importing.units import NO_UNIT, VOCABULARY, WORDS, is_unit, quantity_of, split_header
 
 #: Cells that mark a line as a comment.
 _COMMENTS = ("#", "%", "//")
 #: First cells of a row of units.
-_UNIT_WORDS = frozenset(
-    {"unit", "units", "einheit", "einheiten", "vertical units", "y_unit_label", "单位", "単位"}
-)
+_UNIT_WORDS = frozenset(VOCABULARY["unit_rows"])
 #: Rows above the samples among which names and units are looked for.
 _NEAR = 6
 #: Rows next to the samples one of which may hold units.

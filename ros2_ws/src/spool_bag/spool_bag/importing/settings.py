@@ -29,12 +29,7 @@ _POWERS = {**_SURE, **_DOUBTFUL}
 #: Units of rates, as settings and lines above samples name them.
 RATE_UNITS: dict[str, float] = meanings(VOCABULARY["rate_units"])
 #: Attributes that belong to the format itself.
-_FORMATS_OWN = re.compile(
-    r"class|title|version|name|dimension_list|reference_list|dimension_labels|_netcdf.*|_nc.*|field_\d.*|"
-    r"flavor|matlab_.*|h5path|pytables.*|axis\d.*|block\d.*|nblocks|encoding|errors|pandas.*|ndim|nrows|"
-    r"arrow:schema|__.*",
-    re.IGNORECASE,
-)
+_FORMATS_OWN = re.compile("|".join(VOCABULARY["of_formats"]), re.IGNORECASE)
 #: s since 1970 from 2001 to 2038.
 _CALENDAR = (1e9, 2.0**31)
 #: Relative difference up to which two settings are one rate.

@@ -54,22 +54,14 @@ _LEVEL = re.compile(
 WORDS: dict[str, list[str]] = VOCABULARY["channels"]
 _NAMES = frozenset(word for words in WORDS.values() for word in words)
 #: What stands in round brackets and describes a place, an axis or a number, not a unit.
-_PLACES = re.compile(
-    r"left|right|top|bottom|upper|lower|front|rear|back|middle|in|out|inlet|outlet|links|rechts|oben|unten|vorn|"
-    r"vorne|hinten|mitte|gauche|droite|[xyz]|[+-][xyz]|[ab]|(?:ch|channel|kanal|axis|achse|nr|no|sensor)?[ "
-    r"._]?\d+|"
-    r"[xyz][ -]?(?:axis|achse)|pos(?:ition)? ?\d*|formula result|corrected|filtered|raw data|avg|mean",
-    re.IGNORECASE,
-)
+_PLACES = re.compile("|".join(VOCABULARY["places"]), re.IGNORECASE)
 #: Quantity over unit after DIN 1313 and ISO 80000-1: `a / (m/s²)`.
 _OVER = re.compile(r"(?P<name>.+?)\s*/\s*(?P<unit>\(.+\)|.+)")
 _BESIDE = re.compile(r"(?P<name>.+?)(?:\s+in|,|;|:)\s+(?P<unit>\S.{0,29})")
 #: What ends a name in small letters, e.g. `body_m_s2`; a single letter is a unit only where it is one of
 #: these.
 _ENDING = re.compile(
-    r"(?P<name>.+?)(?<![_ ]per)[_ ](?P<unit>(?:m|mm|cm)_s(?:_?2)?|m/s\^2|m/s2|m/s²|mps2|"
-    r"mg|g|mv|mV|uV|V|s|ms|us|ns|sec|"
-    r"min|degC|degF|C|N|kN|mm|um|m|bar|mbar|k?Pa|MPa|psi|k?Hz|rpm|counts?|cts|lsb|LSB|raw|adc|pct|percent|%|mA|ips)"
+    rf"(?P<name>.+?)(?<![_ ]per)[_ ](?P<unit>{'|'.join(VOCABULARY['endings'])})"
     r"(?P<level>[_ ]?(?:rms|RMS|pk|peak|pp|max|min))?"
 )
 _SCOPE = re.compile(r"(?P<name>CH\d)\s*(?P<unit>m?V)")
