@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -66,7 +67,11 @@ def export_bag(
         )
     if out.exists() or out.is_symlink():
         raise InputError(f"{out} exists already: name a file that does not, or remove it")
-    starts = [start for start in (_first_stamp(reader, valve) for valve in chosen) if start is not None]
+    starts: list[int] = []
+    for valve in chosen:
+        gate = BlockGate()
+        usable = (one.stamp for one in reader.blocks(valve) if gate.judge(one) is not Verdict.REFUSED)
+        starts += islice(usable, 1)
     if not starts:
         raise InputError(f"{bag}: no usable block in it, so there is nothing to export")
     fields = [(TIME, pa.float64()), (BODY, pa.float32()), (SPOOL, pa.float32())]
@@ -148,13 +153,6 @@ def _writer(kind: str, part: Path, schema: pa.Schema) -> Iterator[Any]:
         sink.write((",".join(schema.names) + "\n").encode())
         with pa_csv.CSVWriter(sink, schema, write_options=options) as rows:
             yield rows
-
-
-def _first_stamp(reader: BagReader, valve: str) -> int | None:
-    gate = BlockGate()
-    return next(
-        (block.stamp for block in reader.blocks(valve) if gate.judge(block) is not Verdict.REFUSED), None
-    )
 
 
 def _batches(

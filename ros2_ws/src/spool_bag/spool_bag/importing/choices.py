@@ -6,6 +6,7 @@ import re
 import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Any
 from zoneinfo import ZoneInfo, ZoneInfoNotFoundError
 
 from spool_core.errors import InputError
@@ -73,6 +74,25 @@ class Choices:
     pulses: int | None = None
     zone: str = ""
 
+    def __post_init__(self) -> None:
+        """Raises InputError where a choice is none of those that there are."""
+        if self.rate is not None and not 0.0 < self.rate < 1e7:
+            raise InputError(f"--rate {self.rate:g}: give samples a second, above 0")
+        if self.pulses is not None and not 1 <= self.pulses <= 10_000:
+            raise InputError(f"--pulses-per-revolution {self.pulses}: give a number from 1 to 10000")
+        if self.stamps is not None and self.stamps not in STAMPS:
+            raise InputError(
+                f"--stamps {printable(self.stamps, 20)!r}: write {', '.join(STAMPS[:-1])} or {STAMPS[-1]}"
+            )
+        if self.dates not in ("", "dmy", "mdy", "ymd"):
+            raise InputError(f"--dates {printable(self.dates, 20)!r}: write dmy, mdy or ymd")
+        try:
+            _ = ZoneInfo(self.zone or "UTC")
+        except (ZoneInfoNotFoundError, ValueError, OSError) as error:
+            raise InputError(
+                f"--zone {printable(self.zone, 40)!r}: write a region and city, Europe/Berlin"
+            ) from error
+
     def states_unit(self, role: str) -> bool:
         """Return whether ``--columns`` names a column by the role with its unit, e.g. ``body_m_s2``."""
         return role in self.columns
@@ -91,16 +111,11 @@ def choices(
     unit: Given = None,
     scale: Given = None,
     topic: Given = None,
-    rate: float | None = None,
     align: str = "auto",
     exclude: Given = None,
-    stamps: str | None = None,
-    dates: str = "",
-    empty_as_gap: bool = False,
-    pulses: int | None = None,
-    zone: str = "",
+    **plain: Any,
 ) -> Choices:
-    """Return what the options of the same names say.
+    """Return what the options of the same names say; ``plain`` are those that stay as they are.
 
     Raises:
         InputError: one is not written as it should be.
@@ -122,35 +137,9 @@ def choices(
         if not (mark and path and axis):
             raise InputError(f"--topic {printable(text, 60)!r}: write it like body=/imu_1:z,spool=/imu_2:z")
         topics[role_of(name, "--topic")] = (path, axis)
-    if rate is not None and not 0.0 < rate < 1e7:
-        raise InputError(f"--rate {rate:g}: give samples a second, above 0")
-    if pulses is not None and not 1 <= pulses <= 10_000:
-        raise InputError(f"--pulses-per-revolution {pulses}: give a number from 1 to 10000")
-    named = columns_of(columns) or {}
     left_out = tuple(name.strip() for text in _texts(exclude) for name in text.split(",") if name.strip())
-    if stamps is not None and stamps not in STAMPS:
-        raise InputError(
-            f"--stamps {printable(stamps, 20)!r}: write {', '.join(STAMPS[:-1])} or {STAMPS[-1]}"
-        )
-    if dates not in ("", "dmy", "mdy", "ymd"):
-        raise InputError(f"--dates {printable(dates, 20)!r}: write dmy, mdy or ymd")
-    try:
-        _ = ZoneInfo(zone or "UTC")
-    except (ZoneInfoNotFoundError, ValueError, OSError) as error:
-        raise InputError(f"--zone {printable(zone, 40)!r}: write a region and city, Europe/Berlin") from error
     return Choices(
-        named,
-        units,
-        scales,
-        topics,
-        rate,
-        align == "auto",
-        left_out,
-        stamps,
-        dates,
-        empty_as_gap,
-        pulses,
-        zone,
+        columns_of(columns) or {}, units, scales, topics, align=align == "auto", exclude=left_out, **plain
     )
 
 

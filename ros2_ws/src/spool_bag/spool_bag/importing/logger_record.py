@@ -371,17 +371,13 @@ def _together(sides: Sequence[LoggerRecord], first: Source, second: Source, aske
     )
 
 
-def _rms(row: Array) -> float:
-    """Return the root of the mean square, piece by piece."""
-    pieces = (row[at : at + _PIECE].astype(np.float64) for at in range(0, row.size, _PIECE))
-    return math.sqrt(sum(float(piece @ piece) for piece in pieces) / row.size)
-
-
 def _doubts(columns: Mapping[str, Array]) -> list[str]:
     """Return what is odd about the size of the accelerations."""
-    warnings = []
-    size = {name: _rms(columns[name]) for name in (BODY, SPOOL)}
-    for name, rms in size.items():
+    warnings, size = [], {}
+    for name in (BODY, SPOOL):
+        row = columns[name]
+        pieces = (row[at : at + _PIECE].astype(np.float64) for at in range(0, row.size, _PIECE))
+        size[name] = rms = math.sqrt(sum(float(piece @ piece) for piece in pieces) / row.size)
         if rms > LARGEST_USUAL_RMS:
             warnings.append(f"{name} has an rms of {rms:.0f} m/s^2: are these mm/s^2 or raw counts?")
     if min(size.values()) > 0.0:

@@ -274,7 +274,11 @@ def _missing(
         free = free[1:]  # of a file without names the first column is usually its time
         ways = {} if asked.rate else {"time": channels.reference(numbered[0])}
     if any(one.group.name.startswith("/") for one in channels.sources):
-        topics = [f"{one.group.name}:{one.channel.name}" for one in _one_a_topic(free, len(roles))]
+        # One of each topic, its z where there is one; several of one topic else.
+        by_topic = {one.group.name: one for one in free}
+        by_topic |= {one.group.name: one for one in reversed(free) if one.channel.name == "z"}
+        proposed = list(by_topic.values()) if len(by_topic) >= len(roles) else free
+        topics = [f"{one.group.name}:{one.channel.name}" for one in proposed]
         advice = typed("--topic", {short(role): topic for role, topic in zip(roles, topics, strict=False)})
         known = f"{files}: no topic is known to be {', '.join(roles)}; it has {held}"
         return InputError(
@@ -303,13 +307,6 @@ def _candidates(
         and any(_may_be(one, role) for role in roles)
     ]
     return sorted(free, key=lambda one: (_is_called(one, TIME), not one.quantity))
-
-
-def _one_a_topic(free: Sequence[Source], count: int) -> list[Source]:
-    """Return channels to propose: one of each topic, its z where there is one; several of one topic else."""
-    topics = {one.group.name: one for one in free}
-    topics |= {one.group.name: one for one in reversed(free) if one.channel.name == "z"}
-    return list(topics.values()) if len(topics) >= count else list(free)
 
 
 def _is_called(source: Source, role: str) -> bool:

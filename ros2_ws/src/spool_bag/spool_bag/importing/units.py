@@ -80,7 +80,7 @@ def normalised(text: str) -> str:
     power = _POWER.fullmatch(plain)
     if power and power["power"] in _PREFIXES:
         plain = _PREFIXES[power["power"]] + power["unit"]
-    while len(plain) > 1 and plain[0] + plain[-1] in ("[]", "()", "{}", "<>") and _closed(plain):
+    while plain[:1] + plain[-1:] in ("[]", "()", "{}", "<>") and _brackets(plain) == [(0, len(plain))]:
         plain = plain[1:-1].strip()
     known = _AS_WRITTEN.get(plain.casefold()) if plain != "MV" else ""
     if known or plain == "Nm":
@@ -256,16 +256,6 @@ def _quantity(plain: str) -> str:
             size = float(_registry().Quantity(1.0, plain).to(kept).magnitude)
             return quantity if size <= _LARGEST.get(quantity, 1e12) else ""
     return ""
-
-
-def _closed(text: str) -> bool:
-    """Return whether the first bracket of ``text`` is closed by its last character."""
-    depth = 0
-    for at, letter in enumerate(text):
-        depth += (letter in "[({<") - (letter in "])}>")
-        if depth == 0:
-            return at == len(text) - 1
-    return False
 
 
 def _name(before: str, after: str) -> str:

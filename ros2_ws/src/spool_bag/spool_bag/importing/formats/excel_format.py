@@ -201,17 +201,16 @@ class _Column:
         stamped = self.kind in _TIMES
         if stamped and all(isinstance(cell, str) for cell in self.cells):
             return self._of_text().astype("datetime64[ns]")
-        try:
-            column = np.array(
-                [_number(cell) for cell in self.cells], dtype=np.int64 if stamped else np.float64
-            )
-        except (TypeError, ValueError, OverflowError):
-            bad = next(row for row, cell in enumerate(self.cells) if not _is_number(cell))
-            shown = printable(self.cells[bad], 40)
-            why = f"{shown!r}, not a number"
-            if isinstance(self.cells[bad], _Formula):
-                why = f"the formula {shown} without a value: open the workbook in a spreadsheet, save it"
-            raise InputError(f"{self.where % (self.row + bad)} is {why}") from None
+        column = np.empty(len(self.cells), dtype=np.int64 if stamped else np.float64)
+        for at, cell in enumerate(self.cells):
+            try:
+                column[at] = _number(cell)
+            except (TypeError, ValueError, OverflowError):
+                shown = printable(cell, 40)
+                why = f"{shown!r}, not a number"
+                if isinstance(cell, _Formula):
+                    why = f"the formula {shown} without a value: open the workbook in a spreadsheet, save it"
+                raise InputError(f"{self.where % (self.row + at)} is {why}") from None
         return column.astype("datetime64[ns]") if stamped else column
 
     def _of_text(self) -> Any:
@@ -228,14 +227,6 @@ class _Column:
             return moments(text, date_order(self.where.partition(": ")[0], days, given)[0])
         except pa.ArrowInvalid as error:
             raise InputError(f"{self.where % self.row} is no time: {printable(error, 100)}") from error
-
-
-def _is_number(cell: Any) -> bool:
-    try:
-        _number(cell)
-    except (TypeError, ValueError):
-        return False
-    return True
 
 
 def _number(cell: Any) -> float | int:
