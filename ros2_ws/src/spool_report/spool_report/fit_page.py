@@ -23,26 +23,12 @@ from spool_report import fit_curves as curves
 from spool_report import fit_tables as tables
 from spool_report import page as html
 from spool_report.evidence.collection import fit_exhibits
-from spool_report.evidence.exhibit import DARK, MEASURED, STYLES, subplots
+from spool_report.evidence.exhibit import CAPTIONS, DARK, MEASURED, STYLES, subplots
 from spool_report.outputs import sources
 from spool_report.ranking import WORTH, FittedSeries, Rank, Ranking, ValidatedFit
 from spool_report.terminal import spoken
 
-WAVEFORM = (
-    "Spool acceleration, measured and simulated from the measured body acceleration alone; below, the "
-    "residual."
-)
-RATIO = (
-    "Amplitude of the simulated over the measured spool acceleration in bands of 5 Hz; 1 is exact, "
-    "grey is the tolerance of the paper's measuring chain."
-)
-FRICTION = (
-    "Force that is neither inertia nor spring, from both accelerometers, and the model's "
-    "law through the same filter."
-)
-SPECTRUM = "Residual of the model by frequency. No model can fall below the noise of both sensors."
-EVIDENCE = "Check these pictures in this order before you trust the result; they show the fitted data."
-
+_CAPTIONS = CAPTIONS["fit"]
 RATIO_SHOWN = (0.0, 2.0)
 
 
@@ -75,7 +61,7 @@ def fit_page(validated: ValidatedFit) -> str:
         html.heading("Quality of the fit"),
         html.table(tables.quality_table(validated)),
         html.section("Amplitude, friction and spectrum", others),
-        html.section("Evidence", [html.paragraph(EVIDENCE), *exhibits]),
+        html.section("Evidence", [html.paragraph(_CAPTIONS["evidence"]), *exhibits]),
     ]
     records = (*validated.data.paths, *validated.data.held_paths)
     return html.page(title, sections, sources(records, validated.data.valve))
@@ -90,10 +76,16 @@ def pictures(validated: Sequence[ValidatedFit]) -> list[Markup]:
     run = overlays[validated[0].name].run
     friction = {one.name: curves.friction(fitted, one.fit, valve) for one in validated}
     return [
-        html.drawing(waveform_figure(overlays, curves.excerpts(run)), WAVEFORM, seen(validated)),
-        html.drawing(ratio_figure(agreements, curves.highest_frequency(run)), RATIO, ratio_seen(validated)),
-        html.drawing(friction_figure(friction), FRICTION, f"Laws over velocity: {', '.join(friction)}."),
-        html.drawing(spectrum_figure(agreements, curves.spectra(fitted)), SPECTRUM, seen(validated)),
+        html.drawing(waveform_figure(overlays, curves.excerpts(run)), _CAPTIONS["waveform"], seen(validated)),
+        html.drawing(
+            ratio_figure(agreements, curves.highest_frequency(run)), _CAPTIONS["ratio"], ratio_seen(validated)
+        ),
+        html.drawing(
+            friction_figure(friction), _CAPTIONS["friction"], f"Laws over velocity: {', '.join(friction)}."
+        ),
+        html.drawing(
+            spectrum_figure(agreements, curves.spectra(fitted)), _CAPTIONS["spectrum"], seen(validated)
+        ),
     ]
 
 

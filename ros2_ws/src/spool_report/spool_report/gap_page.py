@@ -15,36 +15,20 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.result import Curves, GapResult, Surface, Where
 
 from spool_report import page as html
-from spool_report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, Exhibit, LeftOut, plain, subplots
+from spool_report.evidence.exhibit import (
+    AFTER,
+    BEFORE,
+    CAPTIONS,
+    FLOOR,
+    MEASURED,
+    Exhibit,
+    LeftOut,
+    plain,
+    subplots,
+)
 from spool_report.terminal import Table, spoken
 
-WHERE = (
-    "Where the missing force sits, as shares of its energy before anything was added; after is drawn in the "
-    "same scale. Bars: shares of the gap; dashes: what the sensors' noise alone would show there."
-)
-SURFACE = (
-    "Mean force that the model lacks over displacement and velocity. Where left and right differ, a spring "
-    "is missing; where top and bottom differ, friction; grey: no data."
-)
-RANKING = "Hypotheses, fitted together with the base; their errors are on data that no fit has seen."
-#: What the evidence of a ranking is, by kind of record.
-EVIDENCE_OF = {
-    "accelerations": "Evidence: twice the logarithm of the likelihood ratio over the base, of all windows, "
-    "less the BIC penalty of the hypothesis's numbers. Errors are those of windows that no fit has seen.",
-    "force": "Evidence: twice the logarithm of the likelihood ratio on held-out data over the set that a "
-    "hypothesis was added to, less the BIC penalty of its numbers.",
-}
-WAVEFORM = "The held-out stretch in which the base model was worst: measured, before, after."
-PROFILES = (
-    "Profile likelihood: each number held at values around its estimate, all others fitted again. Where the "
-    "curve crosses the dashed line (3.84, 95 %) on both sides the record determines the number, and the "
-    "crossings are its interval; where it stays below on one side the record sets no bound there."
-)
-EVIDENCE = (
-    "Check these pictures in this order before you trust the result. They show the records as measured, "
-    "including samples that the comparison leaves out."
-)
-SPECTRUM = "Residual by frequency, before and after, with the measured signal and the noise."
+_CAPTIONS = CAPTIONS["gap"]
 
 UNIT = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "°")}
 
@@ -76,7 +60,7 @@ def gap_page(
     seen = f"Held-out error {first} before, {last} after{alone}."
     sections = [
         html.answers(report.lead(result)),
-        html.drawing(waveform_figure(result.curves), WAVEFORM, seen),
+        html.drawing(waveform_figure(result.curves), _CAPTIONS["waveform"], seen),
         *([html.listing([f"Warning: {line}" for line in result.warnings])] if result.warnings else []),
         html.table(Table(("", "before", "after", "noise alone"), rows)),
         *([html.listing(known)] if (known := sentences(result.determinations)) else []),
@@ -85,7 +69,7 @@ def gap_page(
         html.section("Where the gap sits", _where_it_sits(result)),
         *_hypotheses(result),
         *(
-            [html.section("Evidence", [html.paragraph(EVIDENCE), *html.evidence(evidence)])]
+            [html.section("Evidence", [html.paragraph(_CAPTIONS["evidence"]), *html.evidence(evidence)])]
             if evidence
             else []
         ),
@@ -104,7 +88,7 @@ def _what_was_found(result: GapResult) -> list[Markup]:
         profiles = [f"{profile.sentence}." for profile in result.profiles]
         sections += [
             html.heading("Parameters that the record determines"),
-            html.drawing(profile_figure(result.profiles), PROFILES, " ".join(profiles)),
+            html.drawing(profile_figure(result.profiles), _CAPTIONS["profiles"], " ".join(profiles)),
             html.listing(profiles),
         ]
     sections.append(html.table(Table(*report.nuisances(result), title="Measuring-chain effects")))
@@ -130,12 +114,12 @@ def _where_it_sits(result: GapResult) -> list[Markup]:
         ),
         html.drawing(
             where_figure(result.where, result.where_after, left),
-            WHERE,
+            _CAPTIONS["where"],
             f"Before: {result.where.sentence}. After: {result.where_after.sentence}.",
         ),
         html.drawing(
             surface_figure(result.surface, result.surface_after),
-            SURFACE,
+            _CAPTIONS["surface"],
             f"Largest mean force missing: {largest[0]:.2g} N before, {largest[1]:.2g} N after.",
         ),
     ]
@@ -146,10 +130,13 @@ def _hypotheses(result: GapResult) -> list[Markup]:
     if not result.ranking:
         return []
     first = ", ".join(f"{spoken(row.id)} {100.0 * row.nrmse_after:.2g} %" for row in result.ranking[:3])
+    kind = "accelerations" if result.kind == "accelerations" else "forces"
     parts = [
-        html.drawing(ranking_figure(result), RANKING, f"Held-out error with the first ones: {first}."),
+        html.drawing(
+            ranking_figure(result), _CAPTIONS["ranking"], f"Held-out error with the first ones: {first}."
+        ),
         html.table(Table(*report.hypotheses(result))),
-        html.paragraph(EVIDENCE_OF["accelerations" if result.kind == "accelerations" else "force"]),
+        html.paragraph(_CAPTIONS[f"evidence of {kind}"]),
     ]
     return [html.section("Hypotheses", parts)]
 
@@ -158,12 +145,11 @@ def _numbers(result: GapResult, seen: str, known: bool) -> list[Markup]:
     """Return the spectrum of both models and their numbers; ``known``: whether the noise alone is."""
     noise = "noise alone" if known else "noise at most"
     return [
-        html.drawing(spectrum_figure(result.curves, noise), SPECTRUM, seen),
+        html.drawing(spectrum_figure(result.curves, noise), _CAPTIONS["spectrum"], seen),
         html.table(Table(*report.parameters(result))),
         html.paragraph(
-            f"{LEGEND}. "
-            f"Model: {', '.join(term.name for term in result.model.terms)}; "
-            f"{result.seconds:.0f} s of data, {result.elapsed:.1f} s of computing."
+            f"{LEGEND}. Model: {', '.join(term.name for term in result.model.terms)}; {result.seconds:.0f} s "
+            f"of data, {result.elapsed:.1f} s of computing."
         ),
     ]
 

@@ -18,18 +18,12 @@ from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, interval
 
 from spool_report import page as html
-from spool_report.evidence.exhibit import Exhibit, LeftOut, subplots
+from spool_report.evidence.exhibit import CAPTIONS, Exhibit, LeftOut, subplots
 from spool_report.outputs import sources
 from spool_report.terminal import Table, spoken
 
 #: Okabe and Ito's colours: apart for the colour-blind and in print.
 BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"
-
-ABOUT = (
-    "Check these pictures in this order before you trust the result: what drifted and when, whether the "
-    "record could show it, and whether the model holds. The model has the numbers of the last estimate: "
-    "where a parameter drifted, it fits the end of the record only."
-)
 
 
 def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> Path:
@@ -47,8 +41,7 @@ def write_report(folder: Path, reader: BagReader, analysis: dict[str, Any]) -> P
         image, content = html.picture(
             figure,
             f"{name} over time: peak acceleration of body and spool, the frequency that the body shakes at "
-            "next to the natural frequency, viscous coefficient, Coulomb force. "
-            f"Events: {events or 'none'}.",
+            f"next to the natural frequency, viscous coefficient, Coulomb force. Events: {events or 'none'}.",
             dpi=150,
         )
         (folder / f"{name.replace('/', '_')}.png").write_bytes(content)
@@ -150,7 +143,7 @@ def replay_page(
             _events(valve),
             *([_parameters(valve), html.paragraph(f"{LEGEND}.")] if valve["estimate"]["parameters"] else []),
             html.heading(f"Evidence of {name}"),
-            html.paragraph(ABOUT),
+            html.paragraph(CAPTIONS["replay"]["evidence"]),
             *html.evidence(evidence.get(name, ())),
         ]
     return html.page(f"Monitor report on {result['bag']}", sections, sources)

@@ -12,14 +12,6 @@ from spool_monitor.drift_trace import DriftPoint
 from spool_report.evidence import exhibit
 from spool_report.evidence.exhibit import Exhibit, Line, Mark, Panel
 
-DRIFT_CAPTION = (
-    "Above: estimates with their 95 % band; grey: baseline of the healthy valve with its own; dashed: the "
-    "change that matters; dotted: twice that, from which a reported change is an alarm. Below: the "
-    "cumulative sums of the sequential test (Page 1954), for a rise and for a fall, and the threshold that "
-    "noise alone crosses once in the time the monitor is set to; vertical lines: events. Good: estimates "
-    "stay around the baseline and both sums at zero. Bad: a sum that climbs: the change began where it left "
-    "zero, not at the event. Gaps: the valve was not excited, or its estimates were not trusted."
-)
 #: Events marked at most.
 MARKED = 24
 
@@ -93,7 +85,8 @@ def drift(name: str, unit: str, points: Sequence[DriftPoint], first: int, marks:
         ),
     )  # fmt: skip
     seen = _drift_seen(name, unit, time, table)
-    return Exhibit(title_of(name), exhibit.drawn(panels, (3, 2), 5.2), DRIFT_CAPTION, seen, panels)
+    caption = exhibit.CAPTIONS["evidence"]["drift"]
+    return Exhibit(title_of(name), exhibit.drawn(panels, (3, 2), 5.2), caption, seen, panels)
 
 
 def _drift_seen(name: str, unit: str, time: Array, table: Array) -> str:

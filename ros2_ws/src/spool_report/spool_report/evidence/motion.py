@@ -27,28 +27,11 @@ LONGEST, WINDOW, LOW_CUT = 60.0, 8.0, 3.0
 PERIODS, BINS, LEAST = 3.0, 25, 12
 
 LOOPS_TITLE = "Force loops"
-LOOPS_CAPTION = (
-    "Above: force that springs, oil and friction take, over displacement and over velocity, during a few "
-    "periods around the largest motion: measured, and by the models at the same motion. Below: measured "
-    "less model, the force that is missing; thin: the same periods, thick with markers: median over the "
-    "whole record. Good: the missing force after is a thin line around zero. Bad: it has a shape: a step at "
-    "velocity 0 is dry friction, a slope over velocity drag, a slope over displacement a spring, a bend "
-    "there a stiffening spring, a wall at one end a stop, an open loop a delay between the channels or "
-    "friction with a memory."
-)
 LOOKS = ((exhibit.BEFORE, exhibit.DASHED, "s"), (exhibit.AFTER, "-", "o"))
 #: Share of the missing force's size that a step or a slope must make to be said.
 WORTH_SAYING = 0.15
 
 TRANSMISSIBILITY_TITLE = "Transmissibility body to spool"
-TRANSMISSIBILITY_CAPTION = (
-    "Grey: spool over body acceleration as measured (H1 estimator, averaged cross spectrum over the body's "
-    "power) with its 95 % band, which follows from the coherence; lines: the same estimate of the models' "
-    "free runs at the same excitation. Good: the model's line lies within the band wherever the coherence is "
-    "near 1. Bad: it leaves the band at the peak (drag), shifts it sideways (spring or mass), or the phase "
-    "parts with rising frequency (delay between the channels). Where the coherence is low the spool moves by "
-    "something else than the body, or its law is not linear: dry friction lowers it around the peak."
-)
 #: Lower edge of a band over the magnitude at least, so that a logarithmic axis is not stretched by it.
 LEAST_BAND = 0.1
 #: Coherence from which a deviation is held against the model.
@@ -306,7 +289,7 @@ def force_loops(loops: Loops) -> exhibit.Exhibit:
     return exhibit.Exhibit(
         LOOPS_TITLE,
         figure,
-        LOOPS_CAPTION,
+        exhibit.CAPTIONS["evidence"]["loops"],
         f"Missing force at the same motion, of {number(loops.force, 3)} N rms in total: {text}.",
     )
 
@@ -376,7 +359,7 @@ def transmissibility(runs: Runs) -> exhibit.Exhibit:
     return exhibit.Exhibit(
         TRANSMISSIBILITY_TITLE,
         figure,
-        TRANSMISSIBILITY_CAPTION,
+        exhibit.CAPTIONS["evidence"]["transmissibility"],
         _transmissibility_seen(measured, models, excited),
         panels,
     )

@@ -17,7 +17,7 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array, Complex
 from spool_core.uncertainty import number
 from spool_estimator.identification.record import Record
-from spool_report.evidence.exhibit import AFTER, BEFORE, DASHED, Exhibit, plain, subplots
+from spool_report.evidence.exhibit import AFTER, BEFORE, CAPTIONS, DASHED, Exhibit, plain, subplots
 
 #: s of a piece at most: lines of 0.5 Hz, finer than the resonance of any spool is wide.
 LONGEST_PIECE = 2.0
@@ -36,13 +36,6 @@ COLUMNS, LINES = 320, 220
 PIECE, LEAST = 1.0, 6
 
 CAMPBELL_TITLE = "Spectrum over time (Campbell)"
-CAMPBELL_CAPTION = (
-    "Darker: more power at that frequency and time (each step of the scale is a tenfold of power); dots: the "
-    "strongest line of the excitation; lines: the natural frequency. Good: where the dots cross the natural "
-    "frequency the spool answers darkly, and the natural frequency stays level. Bad: a dark line that is "
-    "neither on the dots nor a multiple (another machine, mains hum), a natural frequency that wanders "
-    "(spring, or dry friction that holds the spool), dark columns over all frequencies (hits, spikes)."
-)
 #: Decades of power shown below the largest.
 DECADES = 6.0
 #: Relative distance at which the machine's line counts as at the natural frequency.
@@ -263,7 +256,8 @@ def campbell(shown: Spectrogram, natural: Mapping[str, Frequency], unit: str = "
     if image is not None:
         figure.colorbar(image, ax=axis, label=f"log10 of the power density, {unit}", shrink=0.9)
     figure.legend(*axis.get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=3)
-    return Exhibit(CAMPBELL_TITLE, figure, CAMPBELL_CAPTION, _campbell_seen(shown, natural))
+    caption = CAPTIONS["evidence"]["spectrum over time"]
+    return Exhibit(CAMPBELL_TITLE, figure, caption, _campbell_seen(shown, natural))
 
 
 def _campbell_seen(shown: Spectrogram, natural: Mapping[str, Frequency]) -> str:

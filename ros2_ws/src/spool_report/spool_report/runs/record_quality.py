@@ -27,6 +27,7 @@ from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.identification.spectra import cross_spectrum, noise_of
 from spool_monitor.orders import OrderLine, OrderSpectrum, order_spectrum
 from spool_report import page as html
+from spool_report.evidence.exhibit import CAPTIONS
 from spool_report.outputs import write_file, write_json
 from spool_report.records import record_loading
 from spool_report.requests import Selection
@@ -37,10 +38,6 @@ PIECE = 2.0
 #: Noise that cannot be seen.
 COVERED = "not measurable"
 _BODY, _SPOOL, _LINE = "#0072B2", "#D55E00", "#000000"
-ORDERS_CAPTION = (
-    "Power of both channels over the angle of the shaft. What turns with it stands as a line at any speed; "
-    "dotted: lines that noise shows once in a million records."
-)
 #: Points of a drawn line, minimum and maximum of each piece beyond.
 _POINTS = 4000
 
@@ -129,6 +126,7 @@ def quality_of_record(record: Path, selection: Selection) -> tuple[RecordQuality
 
 def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
     """Return the page; ``notes`` say how the record was understood."""
+    captions = CAPTIONS["quality"]
     doubts = quality.doubts or ["this record is suitable for an estimate"]
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     density, amplification, coherence = figure.subplots(3, 1, sharex=True)
@@ -159,22 +157,12 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
         html.heading("Reasons against an estimate from this record"),
         html.listing(doubts),
         html.heading("Signals"),
-        html.drawing(
-            signals_figure(quality),
-            "Top: body and spool over time; gray where more than one sample falls on a point. Bottom: the "
-            "liveliest second, in which flat tops and spikes would show.",
-        ),
+        html.drawing(signals_figure(quality), captions["signals"]),
         html.heading("Spectra"),
-        html.drawing(
-            figure,
-            "Top: power density of both channels; what lies flat at high frequencies is noise. "
-            "Middle: how much "
-            "more the spool moves than the body; its peak is the resonance. Bottom: squared coherence; below "
-            f"{LIMITS.coherent:g} (dashed) nothing is known of the spool's response.",
-        ),
+        html.drawing(figure, captions["spectra"].format(coherent=LIMITS.coherent)),
     ]
     if quality.orders is not None and quality.orders.order.size:
-        sections += [html.heading("Orders"), html.drawing(orders_figure(quality.orders), ORDERS_CAPTION)]
+        sections += [html.heading("Orders"), html.drawing(orders_figure(quality.orders), captions["orders"])]
     if notes:
         sections += [html.heading("How the record was understood"), html.listing(notes)]
     return html.page(f"Quality of {quality.record}", sections, [("record", quality.record)])
