@@ -51,8 +51,13 @@ def in_range(low: float, high: float = math.inf) -> Callable[[float | None], flo
     return checked
 
 
+def option(text: str, *names: str, panel: str | None = None, **how: Any) -> Any:
+    """Return an option with the help ``text``, in a panel of the help; ``how`` as typer takes it."""
+    return typer.Option(*names, rich_help_panel=panel, help=text, **how)
+
+
 def _part(text: str) -> Any:
-    return typer.Option(rich_help_panel=PART, help=text)
+    return option(text, panel=PART)
 
 
 RecordArgument = Annotated[
@@ -60,21 +65,21 @@ RecordArgument = Annotated[
 ]
 ValveFiles = Annotated[
     Sequence[str],
-    typer.Option(
-        help="YAML file of the valve, or name of a shipped valve; NAME=FILE for each of several valves. "
+    option(
+        "YAML file of the valve, or name of a shipped valve; NAME=FILE for each of several valves. "
         "Default: description in the bag.",
         autocompletion=valve_names,
     ),
 ]
 ParamsFile = Annotated[
     Path | None,
-    typer.Option(
-        help="Parameter file of the nodes, with the limits of the plant; default: the shipped limits.",
+    option(
+        "Parameter file of the nodes, with the limits of the plant; default: the shipped limits.",
         metavar="YAML",
     ),
 ]
 LanguageOption = Annotated[
-    str, typer.Option(help="Language of alarms: en, de or pl; default: SPOOL_LANGUAGE, else English.")
+    str, option("Language of alarms: en, de or pl; default: SPOOL_LANGUAGE, else English.")
 ]
 ColumnsOption = Annotated[
     str | None, _part("Column names in the file, e.g. time_s=t,body_m_s2=ch1,spool_m_s2=ch2")
@@ -88,44 +93,35 @@ RateOption = Annotated[
     float | None, _part("Sample rate in Hz, for files with a missing or poor time column.")
 ]
 ShippedValve = Annotated[
-    str, typer.Option(help="YAML file of the valve, or name of a shipped valve.", autocompletion=valve_names)
+    str, option("YAML file of the valve, or name of a shipped valve.", autocompletion=valve_names)
 ]
 ExcitationName = Annotated[
     str,
-    typer.Option(
-        help="Body acceleration: a preset, a YAML file, or a record (bag or file).",
+    option(
+        "Body acceleration: a preset, a YAML file, or a record (bag or file).",
         autocompletion=excitation_names,
     ),
 ]
-ModelName = Annotated[
-    str, typer.Option("--model", help="Model: its name or a YAML file.", autocompletion=model_names)
-]
+ModelName = Annotated[str, option("Model: its name or a YAML file.", "--model", autocompletion=model_names)]
 _RECORDS = typer.Argument(help="Bags or logger files of one valve.", metavar="RECORD...")
 _Valve = Annotated[
     str | None,
-    typer.Option(
-        help="YAML file of the valve, or name of a shipped valve; default: valve in the bag.",
+    option(
+        "YAML file of the valve, or name of a shipped valve; default: valve in the bag.",
         autocompletion=valve_names,
     ),
 ]
 _Holdout = Annotated[
     Sequence[Path],
-    typer.Option(
-        help="Held-out record for validation; default: a quarter of each record is held out.",
-        metavar="RECORD",
+    option(
+        "Held-out record for validation; default: a quarter of each record is held out.", metavar="RECORD"
     ),
 ]
 _SensorGain = Annotated[
-    bool,
-    typer.Option(
-        "--sensor-gain", rich_help_panel=EXPERT, help="Fit the gain error of the spool's sensor as well."
-    ),
+    bool, option("Fit the gain error of the spool's sensor as well.", "--sensor-gain", panel=EXPERT)
 ]
 _SensorDelay = Annotated[
-    bool,
-    typer.Option(
-        "--sensor-delay", rich_help_panel=EXPERT, help="Fit the delay of the spool's sensor as well."
-    ),
+    bool, option("Fit the delay of the spool's sensor as well.", "--sensor-delay", panel=EXPERT)
 ]
 
 
@@ -217,20 +213,18 @@ class ReplayRequest:
     columns: ColumnsOption = None
     state: Annotated[
         Path | None,
-        typer.Option(
-            metavar="DIR", help="Folder that keeps each valve's baseline: learned from the first record."
-        ),
+        option("Folder that keeps each valve's baseline: learned from the first record.", metavar="DIR"),
     ] = None
     when: TimeSpan = EVER
     params_file: ParamsFile = None
     language: LanguageOption = ""
-    refits: Annotated[bool, typer.Option("--refits", help="Refit the last 4 s at regular intervals.")] = False
+    refits: Annotated[bool, option("Refit the last 4 s at regular intervals.", "--refits")] = False
     refit_model: Annotated[
-        str, typer.Option(help="Model of the refits: name or YAML file.", autocompletion=model_names)
+        str, option("Model of the refits: name or YAML file.", autocompletion=model_names)
     ] = "coulomb"
-    refit_period: Annotated[
-        float, typer.Option(help="Data time between refits, s.", callback=in_range(0.1, 3600.0))
-    ] = 5.0
+    refit_period: Annotated[float, option("Data time between refits, s.", callback=in_range(0.1, 3600.0))] = (
+        5.0
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,15 +233,12 @@ class PlayRequest:
 
     record: RecordArgument
     valve: ValveFiles = ()
-    speed: Annotated[
-        float, typer.Option(help="Seconds of the record in a second.", callback=in_range(1.0, 20.0))
-    ] = 1.0
-    no_web: Annotated[bool, typer.Option("--no-web", help="Serve no page; end with the record.")] = False
-    port: Annotated[int, typer.Option(help="Port of the page; 0: any free one.", min=0, max=65535)] = 8765
+    speed: Annotated[float, option("Seconds of the record in a second.", callback=in_range(1.0, 20.0))] = 1.0
+    no_web: Annotated[bool, option("Serve no page; end with the record.", "--no-web")] = False
+    port: Annotated[int, option("Port of the page; 0: any free one.", min=0, max=65535)] = 8765
     columns: ColumnsOption = None
     state: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="Folder that keeps baselines and alarms from record to record."),
+        Path | None, option("Folder that keeps baselines and alarms from record to record.", metavar="DIR")
     ] = None
     when: TimeSpan = EVER
     params_file: ParamsFile = None
@@ -258,36 +249,27 @@ class ImportRequest:
     """Request to read files of data loggers in a certain way."""
 
     columns: Annotated[
-        Sequence[str], typer.Option(help="Columns by name or by number from 0, e.g. time=t,body=ch1,spool=#5")
+        Sequence[str], option("Columns by name or by number from 0, e.g. time=t,body=ch1,spool=#5")
     ] = ()
     exclude: ExcludeOption = ()
     unit: UnitOption = ()
     scale: ScaleOption = ()
     rate: RateOption = None
-    dates: Annotated[
-        str, typer.Option(help="Order of dates like 05/04/2026 or 26/05/04: dmy, mdy or ymd.")
-    ] = ""
-    zone: Annotated[
-        str, typer.Option(help="Time zone of stamps that name none: Europe/Berlin; default: UTC.")
-    ] = ""
+    dates: Annotated[str, option("Order of dates like 05/04/2026 or 26/05/04: dmy, mdy or ymd.")] = ""
+    zone: Annotated[str, option("Time zone of stamps that name none: Europe/Berlin; default: UTC.")] = ""
     empty_as_gap: Annotated[
-        bool, typer.Option("--empty-as-gap", help="Leave out rows in which body or spool has no value.")
+        bool, option("Leave out rows in which body or spool has no value.", "--empty-as-gap")
     ] = False
     pulses: Annotated[
         int | None,
-        typer.Option(
-            "--pulses-per-revolution", help="Pulses of the column tacho_pulse, or of --columns tacho=ch3."
-        ),
+        option("Pulses of the column tacho_pulse, or of --columns tacho=ch3.", "--pulses-per-revolution"),
     ] = None
-    topic: Annotated[
-        Sequence[str], typer.Option(help="Topics and axes of a bag: body=/imu_1:z,spool=/imu_2:z")
-    ] = ()
+    topic: Annotated[Sequence[str], option("Topics and axes of a bag: body=/imu_1:z,spool=/imu_2:z")] = ()
     stamps: Annotated[
-        str | None,
-        typer.Option(help="Time of a bag's messages: header (default), log or arrival (time of reception)."),
+        str | None, option("Time of a bag's messages: header (default), log or arrival (time of reception).")
     ] = None
     align: Annotated[
-        str, typer.Option(help="auto: bring two clocks together by correlation; none: refuse two clocks.")
+        str, option("auto: bring two clocks together by correlation; none: refuse two clocks.")
     ] = "auto"
 
     def choices(self) -> Choices:
@@ -306,20 +288,15 @@ class FitRequest:
     model: ModelName = "coulomb"
     free: Annotated[
         Sequence[str],
-        typer.Option(help="Parameter to fit although the valve file states it; =VALUE is its start value."),
+        option("Parameter to fit although the valve file states it; =VALUE is its start value."),
     ] = ()
     fix: Annotated[
-        Sequence[str],
-        typer.Option(help="Parameter to hold, at VALUE (PARAMETER=VALUE) or at the valve file's value."),
+        Sequence[str], option("Parameter to hold, at VALUE (PARAMETER=VALUE) or at the valve file's value.")
     ] = ()
     holdout: _Holdout = ()
     force_free: Annotated[
         bool,
-        typer.Option(
-            "--force-free",
-            rich_help_panel=EXPERT,
-            help="Do not hold parameters that the records do not determine.",
-        ),
+        option("Do not hold parameters that the records do not determine.", "--force-free", panel=EXPERT),
     ] = False
     sensor_gain: _SensorGain = False
     sensor_delay: _SensorDelay = False
@@ -332,20 +309,16 @@ class CompareRequest:
     records: Annotated[Sequence[Path], _RECORDS]
     valve: Annotated[
         Sequence[str],
-        typer.Option(
-            help="Valve file, as for fit; one for all records, or one per record.", autocompletion=valve_names
-        ),
+        option("Valve file, as for fit; one for all records, or one per record.", autocompletion=valve_names),
     ] = ()
     models: Annotated[
         Sequence[str],
-        typer.Option(
-            help="Names or YAML files, separated by commas; default: the paper's models, coulomb, stribeck.",
+        option(
+            "Names or YAML files, separated by commas; default: the paper's models, coulomb, stribeck.",
             callback=lambda given: [name for text in given for name in text.split(",")],
         ),
     ] = ()
-    together: Annotated[bool, typer.Option("--together", help="Treat all records as one set of data.")] = (
-        False
-    )
+    together: Annotated[bool, option("Treat all records as one set of data.", "--together")] = False
     holdout: _Holdout = ()
     sensor_gain: _SensorGain = False
     sensor_delay: _SensorDelay = False
@@ -358,53 +331,35 @@ class GapRequest:
     records: Annotated[Sequence[Path], _RECORDS]
     valve: _Valve = None
     base: Annotated[
-        str,
-        typer.Option(
-            help="Base model that the command extends: name or YAML file.", autocompletion=model_names
-        ),
+        str, option("Base model that the command extends: name or YAML file.", autocompletion=model_names)
     ] = "fluid"
     holdout: Annotated[
         Sequence[Path],
-        typer.Option(
-            help="Held-out record for validation; default: every other section is held out.", metavar="RECORD"
-        ),
+        option("Held-out record for validation; default: every other section is held out.", metavar="RECORD"),
     ] = ()
     kind: Annotated[
         Literal["accelerations", "driven", "imposed"],
-        typer.Option(
-            help="accelerations, driven (a force moves the mass) or imposed (the force is the reaction)."
-        ),
+        option("accelerations, driven (a force moves the mass) or imposed (the force is the reaction)."),
     ] = "accelerations"
     mass: Annotated[
-        float | None,
-        typer.Option(help="Moving mass of a driven record, kg; default: mass of the valve, else fitted."),
+        float | None, option("Moving mass of a driven record, kg; default: mass of the valve, else fitted.")
     ] = None
     gain_tolerance: Annotated[
-        float,
-        typer.Option(
-            rich_help_panel=EXPERT, help="Relative gain tolerance of the spool's sensor, from its data sheet."
-        ),
+        float, option("Relative gain tolerance of the spool's sensor, from its data sheet.", panel=EXPERT)
     ] = 0.05
-    delay_tolerance: Annotated[
-        float, typer.Option(rich_help_panel=EXPERT, help="Permitted delay between the channels, s.")
-    ] = 0.5e-3
+    delay_tolerance: Annotated[float, option("Permitted delay between the channels, s.", panel=EXPERT)] = (
+        0.5e-3
+    )
     least_share: Annotated[
-        float,
-        typer.Option(
-            rich_help_panel=EXPERT,
-            help="Smallest effect to name, as a share of the spool's rms acceleration.",
-        ),
+        float, option("Smallest effect to name, as a share of the spool's rms acceleration.", panel=EXPERT)
     ] = 0.0025
     thorough: Annotated[
-        bool,
-        typer.Option(rich_help_panel=EXPERT, help="Complete the search; default: stop after about a minute."),
+        bool, option("Complete the search; default: stop after about a minute.", panel=EXPERT)
     ] = False
     profiles: Annotated[
         bool,
-        typer.Option(
-            "--profiles",
-            rich_help_panel=EXPERT,
-            help="Report for each named parameter whether the record determines it.",
+        option(
+            "Report for each named parameter whether the record determines it.", "--profiles", panel=EXPERT
         ),
     ] = False
 
@@ -428,31 +383,25 @@ class SimulationSettings:
     valve: ShippedValve = "4weh10_soft"
     model: ModelName = "coulomb"
     excitation: ExcitationName = "sweep"
-    seconds: Annotated[
-        float | None, typer.Option(help="Length, s; default: the recorded excitation's, else 40.")
-    ] = None
-    sample_rate: Annotated[float, typer.Option(help="Hz")] = 2000.0
-    block_rate: Annotated[float, typer.Option(help="Blocks a second.")] = 50.0
-    coulomb_force: Annotated[float | None, typer.Option(help="N; default: the model's.")] = None
-    noise: Annotated[float, typer.Option(help="Sensor noise, rms, m/s^2.")] = 0.05
+    seconds: Annotated[float | None, option("Length, s; default: the recorded excitation's, else 40.")] = None
+    sample_rate: Annotated[float, option("Hz")] = 2000.0
+    block_rate: Annotated[float, option("Blocks a second.")] = 50.0
+    coulomb_force: Annotated[float | None, option("N; default: the model's.")] = None
+    noise: Annotated[float, option("Sensor noise, rms, m/s^2.")] = 0.05
     filter: Annotated[
         str,
-        typer.Option(
-            help="Low-pass of both channels: instants, mean, linear, causal, or like linear,6,0.42 with "
+        option(
+            "Low-pass of both channels: instants, mean, linear, causal, or like linear,6,0.42 with "
             "order and corner over the sample rate, causal also a shape."
         ),
     ] = "instants"
-    sensors: Annotated[
-        Path | None, typer.Option(help="YAML file of the sensors, replaces --noise and --filter.")
-    ] = None
+    sensors: Annotated[Path | None, option("YAML file of the sensors, replaces --noise and --filter.")] = None
     oil_temperature: Annotated[
         str | None,
-        typer.Option(
-            help="deg C, or 20:60 for oil that warms; default: the valve file's. Sets the viscosity."
-        ),
+        option("deg C, or 20:60 for oil that warms; default: the valve file's. Sets the viscosity."),
     ] = None
-    seed: Annotated[int, typer.Option(help="Seed of the noise.", min=0)] = 0
-    name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1"
+    seed: Annotated[int, option("Seed of the noise.", min=0)] = 0
+    name: Annotated[str, option("Namespace of the valve in the bag.")] = "valve_1"
 
     def __post_init__(self) -> None:
         """Raises InputError where the noise is out of range."""

@@ -19,7 +19,7 @@ from spool_bag import no_such_bag
 from spool_core.discovery import offered
 from spool_core.errors import InputError, add_on_missing
 from spool_report.outputs import STANDARD_OUTPUT, check_output, replace_existing, text_to_stderr
-from spool_report.requests import EXPERT, PART
+from spool_report.requests import EXPERT, PART, option
 from typer import Typer
 from typer.core import TyperGroup
 from typer.main import get_group
@@ -46,24 +46,18 @@ def _json_target(path: Path | None) -> Path | None:
 
 JsonFile = Annotated[
     Path | None,
-    typer.Option(
+    option(
+        "Write the result as JSON, SI units; - for standard output.",
         "--json",
-        rich_help_panel=OUTPUT,
-        help="Write the result as JSON, SI units; - for standard output.",
+        panel=OUTPUT,
         callback=_json_target,
     ),
 ]
 
 
-def _output(option: str, text: str, kind: str) -> Any:
+def _output(flag: str, text: str, kind: str) -> Any:
     """Return the option of a file to write, which is checked before any work is done."""
-    return typer.Option(
-        option,
-        rich_help_panel=OUTPUT,
-        help=text,
-        metavar=kind,
-        callback=lambda path: check_output(path, option),
-    )
+    return option(text, flag, panel=OUTPUT, metavar=kind, callback=lambda path: check_output(path, flag))
 
 
 ReportFile = Annotated[
@@ -81,29 +75,21 @@ FmuFile = Annotated[
 ]
 Force = Annotated[
     bool,
-    typer.Option(
-        "--force",
-        rich_help_panel=OUTPUT,
-        help="Overwrite existing files.",
-        is_eager=True,
-        callback=replace_existing,
-    ),
+    option("Overwrite existing files.", "--force", panel=OUTPUT, is_eager=True, callback=replace_existing),
 ]
 
 
 BagArgument = Annotated[Path, typer.Argument(help="rosbag2 directory or .mcap file.", metavar="BAG")]
-NewBag = Annotated[Path, typer.Option("--out", help="Bag to be made.", metavar="BAG")]
+NewBag = Annotated[Path, option("Bag to be made.", "--out", metavar="BAG")]
 OutFolder = Annotated[
-    Path | None,
-    typer.Option("--out", rich_help_panel=OUTPUT, help="Folder for all of these files.", metavar="DIR"),
+    Path | None, option("Folder for all of these files.", "--out", panel=OUTPUT, metavar="DIR")
 ]
 RunningValve = Annotated[str, typer.Argument(metavar="VALVE", help="Namespace of the valve, e.g. valve_1.")]
-WhoOption = Annotated[str, typer.Option("--who", help="Name of the operator; default: your user name.")]
+WhoOption = Annotated[str, option("Name of the operator; default: your user name.", "--who")]
 StateFolder = Annotated[
-    Path | None,
-    typer.Option("--state-folder", help="State folder of the monitors; default: their default folder."),
+    Path | None, option("State folder of the monitors; default: their default folder.", "--state-folder")
 ]
-CommentOption = Annotated[str, typer.Option("--comment", help="Comment.")]
+CommentOption = Annotated[str, option("Comment.", "--comment")]
 
 
 def flat(run: Callable[..., None]) -> Callable[..., None]:

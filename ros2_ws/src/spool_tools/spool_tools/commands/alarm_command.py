@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 from spool_core.errors import InputError
 from spool_core.text import seconds_of
-from spool_report.requests import LanguageOption, in_range
+from spool_report.requests import LanguageOption, in_range, option
 
 from spool_tools import command as cli
 
@@ -28,16 +28,16 @@ SomeValve = Annotated[
     str | None, typer.Argument(metavar="[VALVE]", help="Namespace of the valve; default: all valves.")
 ]
 SinceAgo = Annotated[
-    str | None, typer.Option("--since", help="How long ago, e.g. 6h, 7d, or a time (UTC); default: all.")
+    str | None, option("How long ago, e.g. 6h, 7d, or a time (UTC); default: all.", "--since")
 ]
-Back = Annotated[bool, typer.Option("--back", help="Undo the shelving or suppression.")]
+Back = Annotated[bool, option("Undo the shelving or suppression.", "--back")]
 
 
 @app.command("list")
 def list_(
     valve: cli.RunningValve,
-    every: Annotated[bool, typer.Option("--all", help="Include alarms in the normal state.")] = False,
-    details: Annotated[bool, typer.Option("--details", help="Show everything known of each alarm.")] = False,
+    every: Annotated[bool, option("Include alarms in the normal state.", "--all")] = False,
+    details: Annotated[bool, option("Show everything known of each alarm.", "--details")] = False,
     language: LanguageOption = "",
 ) -> None:
     """List the alarms of a running valve; exit 1 if an alarm waits for an operator.
@@ -68,9 +68,7 @@ def shelve(
     alarm: Name = "",
     minutes: Annotated[
         float,
-        typer.Option(
-            help="How long, a week at most; 0: until the condition is over.", callback=in_range(0.0, 10080.0)
-        ),
+        option("How long, a week at most; 0: until the condition is over.", callback=in_range(0.0, 10080.0)),
     ] = 30.0,
     back: Back = False,
     who: cli.WhoOption = "",
@@ -88,9 +86,9 @@ def shelve(
 def suppress(
     valve: cli.RunningValve,
     alarm: Name = "",
-    maintenance: Annotated[bool, typer.Option("--maintenance", help="Set the alarm out of service.")] = False,
+    maintenance: Annotated[bool, option("Set the alarm out of service.", "--maintenance")] = False,
     for_: Annotated[
-        str | None, typer.Option("--for", help="Take the alarm out of service for this time, e.g. 2h.")
+        str | None, option("Take the alarm out of service for this time, e.g. 2h.", "--for")
     ] = None,
     back: Back = False,
     who: cli.WhoOption = "",
@@ -128,10 +126,8 @@ def reset(
 def history(
     valve: SomeValve = None,
     since: SinceAgo = None,
-    search: Annotated[
-        str, typer.Option(help="Words that an entry must hold: text, number, person, alarm.")
-    ] = "",
-    csv: Annotated[Path | None, typer.Option(help="Write CSV; - for standard output.")] = None,
+    search: Annotated[str, option("Words that an entry must hold: text, number, person, alarm.")] = "",
+    csv: Annotated[Path | None, option("Write CSV; - for standard output.")] = None,
     state_folder: cli.StateFolder = None,
     language: LanguageOption = "",
     _force: cli.Force = False,
@@ -150,8 +146,7 @@ def statistics(
     valve: SomeValve = None,
     since: SinceAgo = None,
     limit: Annotated[
-        list[str] | None,
-        typer.Option(help="Limit of the site, e.g. per_day=300; repeatable; default: ISA-18.2."),
+        list[str] | None, option("Limit of the site, e.g. per_day=300; repeatable; default: ISA-18.2.")
     ] = None,
     state_folder: cli.StateFolder = None,
     json: cli.JsonFile = None,

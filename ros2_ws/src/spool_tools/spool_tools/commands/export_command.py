@@ -10,7 +10,7 @@ from spool_core.discovery import from_add_on
 from spool_core.errors import InputError
 from spool_core.text import printable
 from spool_report.outputs import making_room
-from spool_report.requests import TimeSpan, model_names
+from spool_report.requests import TimeSpan, model_names, option
 from spool_report.terminal import progress, warn
 
 from spool_tools import command as cli
@@ -25,23 +25,21 @@ def export(
         ),
     ],
     out: Annotated[
-        Path | None,
-        typer.Option(help="Table of a bag: FILE.parquet, FILE.csv or FILE.csv.gz", metavar="FILE"),
+        Path | None, option("Table of a bag: FILE.parquet, FILE.csv or FILE.csv.gz", metavar="FILE")
     ] = None,
     name: Annotated[
-        list[str] | None,
-        typer.Option("--name", "--valve", help="Namespace of a valve in the bag; default: all."),
+        list[str] | None, option("Namespace of a valve in the bag; default: all.", "--name", "--valve")
     ] = None,
     fmu: cli.FmuFile = None,
     model: Annotated[
         str | None,
-        typer.Option(
+        option(
+            "Model of a valve's FMU: name or YAML file; default: coulomb.",
             "--model",
-            help="Model of a valve's FMU: name or YAML file; default: coulomb.",
             autocompletion=model_names,
         ),
     ] = None,
-    fmi: Annotated[int | None, typer.Option(help="Version of FMI, 2 or 3 (default).")] = None,
+    fmi: Annotated[int | None, option("Version of FMI, 2 or 3 (default).")] = None,
     _force: cli.Force = False,
     *,
     when: TimeSpan,

@@ -9,7 +9,7 @@ import typer
 from spool_core.errors import InputError
 from spool_core.text import plural
 from spool_report.outputs import making_room
-from spool_report.requests import ImportRequest
+from spool_report.requests import ImportRequest, option
 from spool_report.terminal import warn
 
 from spool_tools import command as cli
@@ -23,15 +23,13 @@ def import_(
         ),
     ],
     *,
-    out: Annotated[Path | None, typer.Option("--out", help="Bag to be made.", metavar="BAG")] = None,
-    look: Annotated[bool, typer.Option("--look", help="Show channels and quality; write no bag.")] = False,
+    out: Annotated[Path | None, option("Bag to be made.", "--out", metavar="BAG")] = None,
+    look: Annotated[bool, option("Show channels and quality; write no bag.", "--look")] = False,
     request: ImportRequest,
-    name: Annotated[str, typer.Option(help="Namespace of the valve in the bag.")] = "valve_1",
+    name: Annotated[str, option("Namespace of the valve in the bag.")] = "valve_1",
     start: Annotated[
         str | None,
-        typer.Option(
-            help="Time of the record's 0 s, ISO 8601, UTC; default: time in the file, else 2025-01-01."
-        ),
+        option("Time of the record's 0 s, ISO 8601, UTC; default: time in the file, else 2025-01-01."),
     ] = None,
     json: cli.JsonFile = None,
     report: cli.ReportFile = None,

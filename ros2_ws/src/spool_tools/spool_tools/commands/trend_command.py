@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from spool_report.requests import option
 
 from spool_tools.command import Command, Force, JsonFile, RunningValve, StateFolder
 
@@ -14,13 +14,10 @@ def trend(
     valve: RunningValve,
     state_folder: StateFolder = None,
     parameter: Annotated[
-        list[str] | None,
-        typer.Option(help="Parameter to plot, e.g. coulomb_force; repeatable; default: all."),
+        list[str] | None, option("Parameter to plot, e.g. coulomb_force; repeatable; default: all.")
     ] = None,
-    since: Annotated[
-        str | None, typer.Option(help="How long ago, e.g. 6h, 7d, or a time (UTC); default: all.")
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="Picture FILE.png or page FILE.html.")] = None,
+    since: Annotated[str | None, option("How long ago, e.g. 6h, 7d, or a time (UTC); default: all.")] = None,
+    out: Annotated[Path | None, option("Picture FILE.png or page FILE.html.")] = None,
     json: JsonFile = None,
     _force: Force = False,
 ) -> None:

@@ -10,32 +10,33 @@ from typing import Annotated
 import typer
 from spool_core.errors import InputError
 from spool_report.outputs import check_output
+from spool_report.requests import option
 
 from spool_tools.command import Command, Force, JsonFile, flat
 
 app = typer.Typer(no_args_is_help=True)
 
 Text = str | None
-Stated = Annotated[Text, typer.Option(help="Value with unit; SI if no unit is given.")]
+Stated = Annotated[Text, option("Value with unit; SI if no unit is given.")]
 
 
 @dataclass(frozen=True, slots=True)
 class DataSheet:
     """Numbers of a data sheet, by the keys of ``valve_sheet.QUESTIONS``."""
 
-    id: Annotated[Text, typer.Option(help="Name of the valve.")] = None
+    id: Annotated[Text, option("Name of the valve.")] = None
     moving_mass: Stated = None
     spool_mass: Stated = None
     spring_mass: Stated = None
     oil_mass: Stated = None
     spring_stiffness: Stated = None
-    spring_rate: Annotated[Text, typer.Option(help="Rate of one of two equal springs, with unit.")] = None
-    natural_frequency: Annotated[Text, typer.Option(help="Use this if the stiffness is unknown.")] = None
+    spring_rate: Annotated[Text, option("Rate of one of two equal springs, with unit.")] = None
+    natural_frequency: Annotated[Text, option("Use this if the stiffness is unknown.")] = None
     land_diameter: Stated = None
     land_length: Stated = None
     radial_clearance: Stated = None
-    oil: Annotated[Text, typer.Option(help="HL68, Azolla ZS22, or ISO VG 10 to ISO VG 100.")] = None
-    oil_temperature: Annotated[Text, typer.Option(help="Temperature of the oil at work in deg C.")] = None
+    oil: Annotated[Text, option("HL68, Azolla ZS22, or ISO VG 10 to ISO VG 100.")] = None
+    oil_temperature: Annotated[Text, option("Temperature of the oil at work in deg C.")] = None
     dynamic_viscosity: Stated = None
 
 
@@ -52,10 +53,8 @@ def group() -> None:
 def new(
     out: Annotated[
         Path,
-        typer.Option(
-            metavar="FILE.yaml",
-            help="Valve file to write.",
-            callback=lambda path: check_output(path, "--out"),
+        option(
+            "Valve file to write.", metavar="FILE.yaml", callback=lambda path: check_output(path, "--out")
         ),
     ],
     data_sheet: DataSheet,
@@ -94,11 +93,9 @@ def new(
 @app.command()
 def check(
     file: Annotated[str, typer.Argument(metavar="FILE", help="YAML file, or a shipped valve's name.")],
-    record: Annotated[
-        Path | None, typer.Option(metavar="RECORD", help="Record of this valve: bag or file.")
-    ] = None,
-    name: Annotated[str | None, typer.Option(help="Valve to use if the bag holds several.")] = None,
-    columns: Annotated[str | None, typer.Option(help="Column names in the file.")] = None,
+    record: Annotated[Path | None, option("Record of this valve: bag or file.", metavar="RECORD")] = None,
+    name: Annotated[str | None, option("Valve to use if the bag holds several.")] = None,
+    columns: Annotated[str | None, option("Column names in the file.")] = None,
     json: JsonFile = None,
     _force: Force = False,
 ) -> None:
