@@ -23,7 +23,7 @@ def report(
 
     Example: ./spool report --month 2026-10 --out october.html
     """
-    from spool_tools.operations.month_report import write_month  # noqa: PLC0415 - slow to load
+    from spool_tools.operations.alarm_journal import write_month  # noqa: PLC0415 - slow to load
 
     write_month(month, machine, state_folder, out)
 

@@ -87,9 +87,8 @@ def host_finding(status: DiagnosticStatus) -> Finding:
     values = _values(status)
     share, waiting = values.get("cpu_share", math.nan), values.get("jobs_waiting", math.nan)
     text = (
-        f"{status.name.partition(':')[0]}: {values.get('nodes', math.nan):.0f} nodes, "
-        f"{100.0 * share:.0f} % of a core, "
-        f"{values.get('resident_B', math.nan) / 1e6:.0f} MB, {waiting:.0f} blocks wait"
+        f"{status.name.partition(':')[0]}: {values.get('nodes', math.nan):.0f} nodes, {100.0 * share:.0f} % "
+        f"of a core, {values.get('resident_B', math.nan) / 1e6:.0f} MB, {waiting:.0f} blocks wait"
     )
     if status.level == DiagnosticStatus.ERROR:
         return Finding("problem", f"{text}; {status.message}")
