@@ -76,13 +76,13 @@ class BagInformation:
     closed: bool
     duration_s: float | None
     first_stamp_ns: int | None
-    topics: tuple[TopicSummary, ...]
-    valves: tuple[ValveSummary, ...] = field(metadata=BY_NAME)
-    damages: tuple[Damage, ...]
-    lost_messages: int
-    lost_messages_estimated: bool
-    undecodable_messages: Mapping[str, int]
-    warnings: tuple[str, ...]
+    topics: tuple[TopicSummary, ...] = ()
+    valves: tuple[ValveSummary, ...] = field(default=(), metadata=BY_NAME)
+    damages: tuple[Damage, ...] = ()
+    lost_messages: int = 0
+    lost_messages_estimated: bool = False
+    undecodable_messages: Mapping[str, int] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
 
 
 def describe(path: Path | str, span: Span | None = None) -> BagInformation:

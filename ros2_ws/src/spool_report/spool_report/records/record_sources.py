@@ -159,17 +159,12 @@ class TableSource:
         """Return what is in the file, as of a bag; it has no topics."""
         valve = summarise(self.valves[0], self.stream(self.valves[0]))
         return BagInformation(
-            bag=self.path,
-            size_bytes=self.path.stat().st_size,
+            self.path,
+            self.path.stat().st_size,
             closed=True,
             duration_s=valve.duration_s,
             first_stamp_ns=valve.first_stamp_ns,
-            topics=(),
             valves=(valve,),
-            damages=(),
-            lost_messages=0,
-            lost_messages_estimated=False,
-            undecodable_messages={},
             warnings=tuple(self.warnings),
         )
 
@@ -233,7 +228,6 @@ def _moment(option: str, text: str, end: int) -> int:
         return round(iso_time(text).timestamp() * 1e6) * 1000
     except (ValueError, OverflowError):
         raise InputError(
-            f"{option} {printable(text, 40)!r}: write it like 30s, 10m, 6h or 7d before the record's "
-            "end, or like "
-            "2025-01-31T12:00:00 (UTC)"
+            f"{option} {printable(text, 40)!r}: write it like 30s, 10m, 6h or 7d before the record's end, or "
+            "like 2025-01-31T12:00:00 (UTC)"
         ) from None
