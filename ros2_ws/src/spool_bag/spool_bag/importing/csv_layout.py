@@ -22,8 +22,8 @@ from spool_bag.importing.csv_cells import (
     kind_of,
     may_be_hexadecimal,
 )
-from spool_bag.importing.settings import Settings, StatedRate, key_and_text, stated_above
-from spool_bag.importing.table import MOST_CHANNELS, Channel, Group, unique
+from spool_bag.importing.settings import StatedRate, key_and_text, stated_above
+from spool_bag.importing.table import MOST_CHANNELS, unique
 from spool_bag.importing.units import NO_UNIT, VOCABULARY, WORDS, is_unit, quantity_of, split_header
 
 #: Cells that mark a line as a comment.
@@ -72,18 +72,6 @@ class Layout:
     numbered: bool
     stated: StatedRate
     settings: Mapping[str, str] = field(default_factory=dict)
-
-    def group(self, name: str, channels: Sequence[Channel], known: Settings) -> Group:
-        """Return the group of the table's channels, with what ``settings`` state, as they are ``known``."""
-        return Group(
-            name,
-            tuple(channels),
-            self.stated.rate,
-            source=self.stated.source,
-            doubt=self.stated.doubt,
-            count=known.count(""),
-            span=known.span(""),
-        )
 
 
 def layout_of(

@@ -90,6 +90,16 @@ class Group:
     count: float = math.nan
     span: float = math.nan
 
+    @classmethod
+    def stated(
+        cls, name: str, channels: Sequence[Channel], known: Settings, rate: StatedRate, of: str = ""
+    ) -> Group:
+        """Return a group with its ``rate``, samples and s as settings state them of the channel ``of``."""
+        count, span = known.count(of), known.span(of)
+        return cls(
+            name, tuple(channels), rate.rate, source=rate.source, doubt=rate.doubt, count=count, span=span
+        )
+
     def channel(self, name: str) -> Channel:
         """Return the channel that has ``name``."""
         return next(one for one in self.channels if one.name == name)
@@ -349,14 +359,12 @@ def array_table(
                 for name, row in rows.items()
                 if row.size == size and (name in names or name in times or not names)
             ]
-            title = f"{size} samples" if len(clocks) > 1 else ""
-            title += (
-                f"{' ' if title else ''}at {rate:.7g} Hz" if len({key[0] for key in by_clock}) > 1 else ""
-            )
+            words = [f"{size} samples"] if len(clocks) > 1 else []
+            words += [f"at {rate:.7g} Hz"] if len({key[0] for key in by_clock}) > 1 else []
             if len({key[1] for key in by_clock}) > 1:
                 earliest = min(key[1].moment or 0 for key in by_clock)
-                since = ((start.moment or 0) - earliest) * 1e-9 + start.delay
-                title += f"{' ' if title else ''}from {since:.7g} s"
+                words.append(f"from {((start.moment or 0) - earliest) * 1e-9 + start.delay:.7g} s")
+            title = " ".join(words)
             of_rate = [rates[name] for name in names or inside if rates[name].rate > 0.0] or [StatedRate()]
             counts = [count for name in inside if (count := known.count(name)) > 0.0]
             spans = [span for name in inside if (span := known.span(name)) > 0.0]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -61,19 +60,8 @@ class ArrowTable(Table):
         valves = self._valves() if VALVE in schema.names else [""]
         rates = {rate.rate: rate for one in channels if (rate := known.rate(one.name)).source or rate.doubt}
         rate = next(iter(rates.values())) if len(rates) == 1 else StatedRate()
-        names = [one.name for one in channels]
-        self.groups = tuple(
-            Group(
-                valve,
-                channels,
-                rate.rate,
-                source=rate.source,
-                doubt=rate.doubt,
-                count=known.count(names[0]) if names else math.nan,
-                span=known.span(names[0]) if names else math.nan,
-            )
-            for valve in valves
-        )
+        first = channels[0].name if channels else ""
+        self.groups = tuple(Group.stated(valve, channels, known, rate, first) for valve in valves)
 
     def read(self, group: Group, names: Sequence[str], single: Sequence[str] = ()) -> dict[str, Values]:
         """Return the values of columns by name."""

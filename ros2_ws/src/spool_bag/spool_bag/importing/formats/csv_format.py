@@ -77,7 +77,7 @@ class CsvTable(Table):
             for name, kind in zip(layout.names, self.dialect.kinds, strict=True)
             if kind is Kind.TEXT
         }
-        self.groups = (layout.group("", channels, self.settings),)
+        self.groups = (Group.stated("", channels, self.settings, layout.stated),)
 
     def where(self, row: int) -> str:
         """Return the line of a row."""

@@ -61,7 +61,7 @@ def opened(path: Path) -> ArrayTable:
     arrays: dict[tuple[str, str], Any] = {}
     for title, channels, columns, layout in found:
         name = "" if single else title
-        groups.append(layout.group(name, channels, known))
+        groups.append(Group.stated(name, channels, known, layout.stated))
         arrays |= {(name, channel.name): column for channel, column in zip(channels, columns, strict=True)}
     whole = ArrayTable(path, tuple(groups), arrays, settings=known)
     for column in arrays.values():

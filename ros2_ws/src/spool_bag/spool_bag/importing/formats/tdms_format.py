@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -79,21 +80,16 @@ class TdmsTable(Table):
         groups = []
         for at, ((step, begun, delay, _), channels) in enumerate(clocks.items()):
             title = "" if len(clocks) == 1 else f"clock {at + 1}"
-            names = [one.name for one in channels]
-            stated_rate = known.rate(names[0])
-            source = stated_rate.source or "wf_increment" if step > 0.0 else ""
+            first = channels[0].name
+            of_rate = known.rate(first)
             groups.append(
-                Group(
-                    title,
-                    tuple(channels),
-                    1.0 / step if step > 0.0 else math.nan,
-                    begun if begun and begun > 0 else None,
+                replace(
+                    Group.stated(title, channels, known, of_rate, first),
+                    rate=1.0 / step if step > 0.0 else math.nan,
+                    start=begun if begun and begun > 0 else None,
                     stamped=placed and step > 0.0 and len({one[1] is None for one in clocks}) == 1,
-                    source=source,
+                    source=of_rate.source or "wf_increment" if step > 0.0 else "",
                     delay=delay,
-                    doubt=stated_rate.doubt,
-                    count=known.count(names[0]),
-                    span=known.span(names[0]),
                 )
             )
         self.groups = tuple(groups)
