@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import sys
+from datetime import datetime, timedelta
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,18 @@ def test_cells_that_a_row_of_a_workbook_lacks_are_holes(tmp_path: Path) -> None:
     oil = read_record(tmp_path / "book.xlsx").columns["oil_temperature_C"]
     assert np.isnan(oil[1::2]).all()
     assert (oil[::2] == 45.0).all()
+
+
+def test_a_row_of_a_workbook_without_a_time_is_named(tmp_path: Path) -> None:
+    book = openpyxl.Workbook(write_only=True)
+    sheet = book.create_sheet()
+    sheet.append(["time", "body [m/s2]", "spool [m/s2]"])
+    for at, row in enumerate(zip(made.BODY[:400], made.SPOOL[:400], strict=True)):
+        time = datetime(2025, 1, 2) + timedelta(milliseconds=at)
+        sheet.append([None if at == 200 else time, *map(float, row)])
+    book.save(tmp_path / "book.xlsx")
+    with pytest.raises(InputError, match="row 202: time is 'None', not a number"):
+        read_record(tmp_path / "book.xlsx")
 
 
 @pytest.mark.parametrize(
