@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from spool_core.errors import InputError
+from spool_core.files import load_yaml
 from spool_core.numbers import GRAVITY
 from spool_core.text import did_you_mean
 from spool_sim import valve as valves
@@ -21,27 +22,25 @@ if TYPE_CHECKING:
     from spool_estimator.plausibility import ValveCheck
 
 
+_SHEET: Any = load_yaml((Path(__file__).parents[1] / "templates" / "valve_sheet.yaml").read_text("utf-8"))
 #: One of each unit in SI, by kind of number; the first one is what a number without a unit has.
-UNITS: Mapping[str, Mapping[str, float]] = {
-    "mass": {"kg": 1.0, "g": 1e-3},
-    "stiffness": {"N/m": 1.0, "N/mm": 1e3, "kN/m": 1e3},
-    "frequency": {"Hz": 1.0},
-    "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6},
-    "viscosity": {"Pa s": 1.0, "Pas": 1.0, "mPa s": 1e-3, "mPas": 1e-3, "cP": 1e-3},
-    "temperature": {"C": 1.0, "degC": 1.0, "deg C": 1.0, "°C": 1.0},
-}
+UNITS: Mapping[str, Mapping[str, float]] = _SHEET["units"]
 _NUMBER = re.compile(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S.*?)?\s*")
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Question for one number of a data sheet: ``key`` is the flag's, ``kind`` one of ``UNITS`` or a text."""
+    """Question for one number of a data sheet: ``key`` is the flag's, ``kind`` one of ``UNITS`` or a text.
+
+    ``otherwise``: number from which this one follows, so that it need not be asked.
+    """
 
     key: str
     kind: str
     text: str
     example: str
     needed: bool = False
+    otherwise: str = ""
 
     @property
     def flag(self) -> str:
@@ -49,43 +48,10 @@ class Question:
         return "--" + self.key.replace("_", "-")
 
 
-QUESTIONS = (
-    Question("id", "text", "Name of the valve", "press_left", needed=True),
-    Question("moving_mass", "mass", "Moving mass: spool, oil in it and 1/3 of the springs", "180 g"),
-    Question("spool_mass", "mass", "Mass of the spool alone", "172 g"),
-    Question("spring_mass", "mass", "Mass of both centring springs together", "15 g"),
-    Question("oil_mass", "mass", "Mass of the oil that moves with the spool", "3 g"),
-    Question("spring_stiffness", "stiffness", "Stiffness of both centring springs together", "1.632 N/mm"),
-    Question("spring_rate", "stiffness", "Rate of one of two equal centring springs", "0.816 N/mm"),
-    Question("natural_frequency", "frequency", "Natural frequency of the spool on its springs", "15.2 Hz"),
-    Question("land_diameter", "length", "Diameter of the sealing land", "20 mm"),
-    Question("land_length", "length", "Length of all sealing lands together", "32 mm"),
-    Question("radial_clearance", "length", "Radial clearance between spool and bore", "15 um"),
-    Question("oil", "text", f"Oil, one of {', '.join(valves.OILS)}", "ISO VG 46"),
-    Question("oil_temperature", "temperature", "Temperature of the oil at work", "45 C"),
-    Question("dynamic_viscosity", "viscosity", "Dynamic viscosity at that temperature", "30 mPa s"),
+QUESTIONS = tuple(
+    Question(**{**one, "text": one["text"].format(oils=", ".join(valves.OILS))})
+    for one in _SHEET["questions"]
 )
-#: Questions that only matter while what follows from them is not known.
-_OTHERWISE = {
-    "spring_mass": "moving_mass",
-    "oil_mass": "moving_mass",
-    "spring_rate": "spring_stiffness",
-    "natural_frequency": "spring_stiffness",
-}
-
-#: Unit, meaning, and who needs the key where it may be left out.
-_COMMENTS: Mapping[str, tuple[str, str]] = {
-    "id": ("", "name of the valve, sent with its data"),
-    "moving_mass": ("kg", "spool + oil + 1/3 of the springs; scales every force"),
-    "spool_mass": ("kg", "spool alone"),
-    "spring_stiffness": ("N/m", "both centring springs together"),
-    "land_diameter": ("m", "sealing land; with the three below: the drag, for simulate"),
-    "land_length": ("m", "all sealing lands together"),
-    "radial_clearance": ("m", "gap between spool and bore"),
-    "dynamic_viscosity": ("Pa s", "at oil_temperature"),
-    "oil": ("", "viscosity by temperature: distinguishes wear from warm oil"),
-    "oil_temperature": ("deg C", "at which dynamic_viscosity holds"),
-}
 
 #: m/s, a spool at 60 Hz with a stroke of 9 mm exceeds it on average: the paper's conclusions.
 SPEED = 0.5
@@ -98,14 +64,6 @@ LIGHTEST = valves.STEEL * 0.25 * math.pi * 0.003**2 * 0.010
 #: Share of the land's diameter: 13 times that of the paper's valve (15 um of 20 mm); leakage grows with the
 #: third power of the clearance, so such a land seals nothing.
 WIDEST_SHARE = 0.01
-
-#: Factors between units that are mistaken for each other, and what they mean for stiffness over mass.
-_SLIPS: Mapping[float, str] = {
-    1e3: "a factor of 1000: N/mm in place of N/m, or g in place of kg",
-    1e6: "a factor of a million: N/mm in place of N/m, and g in place of kg",
-    2.0: "a factor of 2: the rate of one spring instead of both",
-    0.5: "a factor of 1/2: both springs' rate counted twice",
-}
 
 
 def number_of(question: Question, text: str) -> float:
@@ -136,7 +94,7 @@ def asked(
     """
     answers = dict(given)
     for question in QUESTIONS:
-        if question.key in answers or _OTHERWISE.get(question.key) in answers:
+        if question.key in answers or question.otherwise in answers:
             continue
         while question.key not in answers:
             text = answer(f"{question.text}, e.g. {question.example}").strip()
@@ -203,7 +161,7 @@ def file_text(valve: Valve, how: Mapping[str, str]) -> str:
     lines = [
         "# Valve, by `./spool valve new`. SI units; `./spool valve check` reports values that look wrong."
     ]
-    for key, (unit, meaning) in _COMMENTS.items():
+    for key, (unit, meaning) in _SHEET["comments"].items():
         entry = f"{key}: {given[key]!r}".replace("'", "") if key in given else f"# {key}:"
         origin = f" ({how[key]})" if key in how else ""
         lines.append(f"{entry:<30} # {', '.join(part for part in (unit, meaning) if part)}{origin}")
@@ -329,7 +287,8 @@ def against_record(verdict: ValveVerdict, check: ValveCheck | None, record: Path
     if doubts and abs(shown.middle / valve.natural_frequency - 1.0) > 0.1:
         factor = stiffness / valve.spring_stiffness
         slip = next(
-            (f": {text}" for known, text in _SLIPS.items() if abs(math.log(factor / known)) < 0.1), ""
+            (f": {text}" for known, text in _SHEET["slips"].items() if abs(math.log(factor / known)) < 0.1),
+            "",
         )
         verdict.wrong.append(
             f"spring_stiffness: with moving_mass {valve.moving_mass:g} kg the record's frequency means "
