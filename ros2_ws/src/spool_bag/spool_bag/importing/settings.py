@@ -49,17 +49,9 @@ _SETTING = re.compile(
 )
 #: A number whose only mark may be one of thousands or of decimals.
 _EITHER = re.compile(r"[-+]?[1-9]\d{0,2}[.,]\d{3}")
-_RATE = re.compile(
-    r"(?:actual |effective |nominal )?(?:sampl(?:e|es|ing)|scan|abtast|mess|acquisition|logging|采样)"
-    r"[ _-]*(?:rate|freq(?:uency)?|frequenz|频率|率)|f_?s|odr|output data rate|samples?/s|samples per second"
-)
-#: What may be the rate of samples, or of a flow, of a line or of a shaft.
-_MAYBE_RATE = re.compile(r"(?:data[ _-]*)?rate|freq(?:uency)?|frequenz")
-_PERIOD = re.compile(
-    r"(?:sampl(?:e|es|ing)|scan|abtast|mess)[ _-]*(?:time[ _-]*)?"
-    r"(?:interval|intervall|period|periode|step|schritt|increment|zeit)|"
-    r"x?[ _]?incr?(?:ement)?|delta[ _]?[xt]|d[xt]|t_?inc|t_?interval|isi|time[ _]?(?:step|increment)|"
-    r"h(?:orizontal)?[ _]interval"
+#: Keys of a rate, of what may be the rate of a flow, of a line or of a shaft as well, and of a period.
+_RATE, _MAYBE_RATE, _PERIOD = (
+    re.compile("|".join(VOCABULARY["lines_above"][one])) for one in ("rates", "perhaps_rates", "periods")
 )
 
 
