@@ -23,12 +23,12 @@ from spool_report import fit_curves as curves
 from spool_report import fit_tables as tables
 from spool_report import page as html
 from spool_report.evidence.collection import fit_exhibits
-from spool_report.evidence.exhibit import CAPTIONS, DARK, MEASURED, STYLES, subplots
+from spool_report.evidence.exhibit import DARK, MEASURED, STYLES, subplots
 from spool_report.outputs import sources
 from spool_report.ranking import WORTH, FittedSeries, Rank, Ranking, ValidatedFit
-from spool_report.terminal import spoken
+from spool_report.terminal import captions, spoken
 
-_CAPTIONS = CAPTIONS["fit"]
+_CAPTIONS = captions("fit")
 RATIO_SHOWN = (0.0, 2.0)
 
 
@@ -134,7 +134,7 @@ def compare_page(series: Sequence[FittedSeries], ranking: Ranking) -> str:
             f"From best to worst: {', '.join(spoken(entry.model) for entry in shown)}.",
         ),
         html.table(tables.ranking_table(ranking)),
-        html.listing(tables.COLUMNS),
+        html.listing([one.format(worth=100.0 * WORTH) for one in captions("compare")["columns"]]),
     ]
     sections += [part for parts in (first[1:], *rest) for part in parts]
     records = [path for one in series for path in (*one.data.paths, *one.data.held_paths)]

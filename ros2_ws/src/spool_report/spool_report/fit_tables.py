@@ -21,31 +21,11 @@ from spool_estimator.identification.free_run import USUAL
 from spool_sim.model import Model, model_from_mapping
 
 from spool_report.outputs import check_output, write_file
-from spool_report.ranking import WORTH, FittedSeries, Ranking, ValidatedFit, damping_ratio, natural_frequency
-from spool_report.terminal import Table, spoken
-
-#: What the columns of the ranking mean.
-COLUMNS = (
-    "parameters: number of fitted parameters.",
-    "off jumps: rms residual of the free run, m/s², on held-out data if there are any. A few samples "
-    "around every jump of dry friction are left out, the same for all models.",
-    f"excess: of that above the least. Within {100.0 * WORTH:g} % models do equally well, and that with the "
-    "fewest parameters comes first.",
-    "BIC: Bayesian information criterion on the fitted data (Whittle's likelihood, every sample), behind the "
-    "best.",
-    "objective: squared error, weighted by the accuracy of the reading. ratio: mean amplitude of the model "
-    "over that measured, 1 at best. error: on held-out data, every sample, of the spool's rms. Means over "
-    "the series.",
-)
+from spool_report.ranking import FittedSeries, Ranking, ValidatedFit, damping_ratio, natural_frequency
+from spool_report.terminal import Table, captions, spoken
 
 #: Characters of a model's name that its file keeps; with what is added it stays below the 100 that are read.
 LONGEST_NAME = 93
-#: What the columns of a ranking are.
-RANKING_LEGEND = (
-    "off jumps: rms residual on held-out data, not at jumps of dry friction, m/s^2; excess, BIC: over the "
-    "least; error: on held-out data, of the spool's rms, as of fit and gap. Less is better, except for "
-    "ratio: the model's amplitude over the measured one, best at 1."
-)
 #: Relative difference up to which a file states the number that was reported.
 AGREEMENT = 1e-6
 #: Correlation from which two parameters are hardly distinguished.
@@ -274,7 +254,7 @@ def print_comparison(series: Sequence[FittedSeries], ranking: Ranking, console: 
     console.print(LEGEND, markup=False, highlight=False, soft_wrap=True)
     console.print("[bold]Ranking[/bold]", highlight=False)
     ranking_table(ranking).show(console)
-    console.print(RANKING_LEGEND, markup=False, highlight=False, soft_wrap=True)
+    console.print(captions("compare")["ranking"], markup=False, highlight=False, soft_wrap=True)
     for sentence in ranking.sentences:
         console.print(sentence, markup=False, highlight=False, soft_wrap=True)
 

@@ -15,20 +15,10 @@ from spool_gap.catalogue import EFFECTS
 from spool_gap.result import Curves, GapResult, Surface, Where
 
 from spool_report import page as html
-from spool_report.evidence.exhibit import (
-    AFTER,
-    BEFORE,
-    CAPTIONS,
-    FLOOR,
-    MEASURED,
-    Exhibit,
-    LeftOut,
-    plain,
-    subplots,
-)
-from spool_report.terminal import Table, spoken
+from spool_report.evidence.exhibit import AFTER, BEFORE, FLOOR, MEASURED, Exhibit, LeftOut, plain, subplots
+from spool_report.terminal import Table, captions, spoken
 
-_CAPTIONS = CAPTIONS["gap"]
+_CAPTIONS = captions("gap")
 
 UNIT = {"m": (1e3, "mm"), "rad": (180.0 / np.pi, "°")}
 

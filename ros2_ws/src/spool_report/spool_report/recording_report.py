@@ -18,9 +18,9 @@ from spool_core.text import plural
 from spool_core.uncertainty import LEGEND, PLUS_MINUS, Z_95, interval
 
 from spool_report import page as html
-from spool_report.evidence.exhibit import CAPTIONS, Exhibit, LeftOut, subplots
+from spool_report.evidence.exhibit import Exhibit, LeftOut, subplots
 from spool_report.outputs import sources
-from spool_report.terminal import Table, spoken
+from spool_report.terminal import Table, captions, spoken
 
 #: Okabe and Ito's colours: apart for the colour-blind and in print.
 BODY, SPOOL, ESTIMATE, EVENT = "#0072B2", "#D55E00", "#009E73", "#E69F00"
@@ -143,7 +143,7 @@ def replay_page(
             _events(valve),
             *([_parameters(valve), html.paragraph(f"{LEGEND}.")] if valve["estimate"]["parameters"] else []),
             html.heading(f"Evidence of {name}"),
-            html.paragraph(CAPTIONS["replay"]["evidence"]),
+            html.paragraph(captions("replay")["evidence"]),
             *html.evidence(evidence.get(name, ())),
         ]
     return html.page(f"Monitor report on {result['bag']}", sections, sources)

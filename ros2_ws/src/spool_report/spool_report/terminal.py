@@ -7,6 +7,9 @@ from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 from rich import progress as bars
 from rich import table as rich_table
@@ -25,6 +28,15 @@ _silent: ContextVar[bool] = ContextVar("silent", default=False)
 def cell(text: object, style: str = "") -> Text:
     """Return ``text`` for a table or a line: as it is, without markup, escapes shown instead of followed."""
     return Text(printable(text), style=style)
+
+
+@cache
+def captions(page: str) -> Any:
+    """Return how to read the tables and pictures of a ``page``, by their names."""
+    from spool_core.files import load_yaml  # noqa: PLC0415 - YAML, which most commands do not need
+
+    texts = Path(__file__).with_name("templates") / "captions.yaml"
+    return load_yaml(texts.read_text("utf-8"))[page]
 
 
 def spoken(name: str) -> str:

@@ -11,6 +11,7 @@ from spool_core.uncertainty import Z_95, number, with_interval
 from spool_monitor.drift_trace import DriftPoint
 from spool_report.evidence import exhibit
 from spool_report.evidence.exhibit import Exhibit, Line, Mark, Panel
+from spool_report.terminal import captions
 
 #: Events marked at most.
 MARKED = 24
@@ -85,7 +86,7 @@ def drift(name: str, unit: str, points: Sequence[DriftPoint], first: int, marks:
         ),
     )  # fmt: skip
     seen = _drift_seen(name, unit, time, table)
-    caption = exhibit.CAPTIONS["evidence"]["drift"]
+    caption = captions("evidence")["drift"]
     return Exhibit(title_of(name), exhibit.drawn(panels, (3, 2), 5.2), caption, seen, panels)
 
 

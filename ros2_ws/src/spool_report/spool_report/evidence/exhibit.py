@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import matplotlib
@@ -14,16 +13,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from spool_core.errors import InputError
 from spool_core.faults import show_traceback, unexpected
-from spool_core.files import load_yaml
 from spool_core.numbers import Array
 
 # Pictures are drawn where there is no screen: every module of the report that draws imports this one.
 matplotlib.use("Agg")
-
-#: How to read the pictures, by page.
-CAPTIONS: Mapping[str, Mapping[str, str]] = load_yaml(
-    (Path(__file__).parents[1] / "templates" / "captions.yaml").read_text("utf-8")
-)
 
 #: Points of a line that a reader can zoom into, at most.
 POINTS = 1500

@@ -15,6 +15,7 @@ from spool_estimator.identification.record import Record, first_seconds
 from spool_estimator.identification.spectra import ZeroPhase, delayed, relative_motion
 from spool_report.evidence import exhibit
 from spool_report.evidence.spectra import CrossSpectra, cross_spectra
+from spool_report.terminal import captions
 from spool_sim.integration.composed_motion import ComposedMotion
 from spool_sim.model import Model
 from spool_sim.observation import Observation
@@ -289,7 +290,7 @@ def force_loops(loops: Loops) -> exhibit.Exhibit:
     return exhibit.Exhibit(
         LOOPS_TITLE,
         figure,
-        exhibit.CAPTIONS["evidence"]["loops"],
+        captions("evidence")["loops"],
         f"Missing force at the same motion, of {number(loops.force, 3)} N rms in total: {text}.",
     )
 
@@ -359,7 +360,7 @@ def transmissibility(runs: Runs) -> exhibit.Exhibit:
     return exhibit.Exhibit(
         TRANSMISSIBILITY_TITLE,
         figure,
-        exhibit.CAPTIONS["evidence"]["transmissibility"],
+        captions("evidence")["transmissibility"],
         _transmissibility_seen(measured, models, excited),
         panels,
     )

@@ -17,7 +17,8 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array, Complex
 from spool_core.uncertainty import number
 from spool_estimator.identification.record import Record
-from spool_report.evidence.exhibit import AFTER, BEFORE, CAPTIONS, DASHED, Exhibit, plain, subplots
+from spool_report.evidence.exhibit import AFTER, BEFORE, DASHED, Exhibit, plain, subplots
+from spool_report.terminal import captions
 
 #: s of a piece at most: lines of 0.5 Hz, finer than the resonance of any spool is wide.
 LONGEST_PIECE = 2.0
@@ -256,7 +257,7 @@ def campbell(shown: Spectrogram, natural: Mapping[str, Frequency], unit: str = "
     if image is not None:
         figure.colorbar(image, ax=axis, label=f"log10 of the power density, {unit}", shrink=0.9)
     figure.legend(*axis.get_legend_handles_labels(), fontsize=8, loc="outside lower center", ncols=3)
-    caption = CAPTIONS["evidence"]["spectrum over time"]
+    caption = captions("evidence")["spectrum over time"]
     return Exhibit(CAMPBELL_TITLE, figure, caption, _campbell_seen(shown, natural))
 
 

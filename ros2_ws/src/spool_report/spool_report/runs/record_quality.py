@@ -27,11 +27,10 @@ from spool_estimator.identification.record import LARGEST, Record
 from spool_estimator.identification.spectra import cross_spectrum, noise_of
 from spool_monitor.orders import OrderLine, OrderSpectrum, order_spectrum
 from spool_report import page as html
-from spool_report.evidence.exhibit import CAPTIONS
 from spool_report.outputs import write_file, write_json
 from spool_report.records import record_loading
 from spool_report.requests import Selection
-from spool_report.terminal import Table, cell
+from spool_report.terminal import Table, captions, cell
 
 #: s of the pieces that spectra are averaged over: lines 0.5 Hz apart.
 PIECE = 2.0
@@ -126,7 +125,7 @@ def quality_of_record(record: Path, selection: Selection) -> tuple[RecordQuality
 
 def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
     """Return the page; ``notes`` say how the record was understood."""
-    captions = CAPTIONS["quality"]
+    texts = captions("quality")
     doubts = quality.doubts or ["this record is suitable for an estimate"]
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
     density, amplification, coherence = figure.subplots(3, 1, sharex=True)
@@ -157,12 +156,12 @@ def quality_page(quality: RecordQuality, notes: Sequence[str]) -> str:
         html.heading("Reasons against an estimate from this record"),
         html.listing(doubts),
         html.heading("Signals"),
-        html.drawing(signals_figure(quality), captions["signals"]),
+        html.drawing(signals_figure(quality), texts["signals"]),
         html.heading("Spectra"),
-        html.drawing(figure, captions["spectra"].format(coherent=LIMITS.coherent)),
+        html.drawing(figure, texts["spectra"].format(coherent=LIMITS.coherent)),
     ]
     if quality.orders is not None and quality.orders.order.size:
-        sections += [html.heading("Orders"), html.drawing(orders_figure(quality.orders), captions["orders"])]
+        sections += [html.heading("Orders"), html.drawing(orders_figure(quality.orders), texts["orders"])]
     if notes:
         sections += [html.heading("How the record was understood"), html.listing(notes)]
     return html.page(f"Quality of {quality.record}", sections, [("record", quality.record)])
