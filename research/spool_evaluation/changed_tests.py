@@ -25,7 +25,6 @@ from spool_core.errors import InputError
 #: Packages whose modules are found by their place: to use the package is to use each of them.
 REGISTRIES = (
     "spool_bag.importing.formats",
-    "spool_fleet.analyses",
     "spool_gap.catalogue",
     "spool_monitor.detectors",
     "spool_sim.terms",

@@ -17,11 +17,11 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_estimator.estimate import Estimate, State
 from spool_estimator.estimator import Estimator, settings_for
-from spool_fleet.analyses import REFERENCE
 from spool_fleet.judgement import CHANGED, MACHINE, confirmed, judged_alone
 from spool_fleet.manifest import Service
 from spool_fleet.observations import COULOMB, PARAMETERS, STIFFNESS, UNCERTAIN, VISCOUS, ObservedValve, Series
 from spool_fleet.operations import add_to_store, answer, run_over_store
+from spool_fleet.parquet import REFERENCE
 from spool_report.records.simulation import simulate
 from spool_report.requests import SimulationSettings
 from spool_sim.excitation import Excitation, MachineOrders, Multisine

@@ -22,7 +22,6 @@ from spool_monitor.detectors import friction_drift, spring_change
 from spool_report.outputs import check_output
 from spool_report.terminal import progress, warn
 
-from spool_fleet.analyses import REFERRED
 from spool_fleet.comparison import MONTH
 from spool_fleet.courses import (
     NAMES,
@@ -38,6 +37,7 @@ from spool_fleet.courses import (
 from spool_fleet.judgement import CHANGED, LEARNING, MACHINE, UNKNOWN
 from spool_fleet.manifest import DAY, FILE_NAME, Manifest, Service
 from spool_fleet.observations import COULOMB, STIFFNESS, VISCOUS, observed_valves
+from spool_fleet.parquet import REFERRED
 from spool_fleet.query import ask
 
 Key = tuple[str, str]

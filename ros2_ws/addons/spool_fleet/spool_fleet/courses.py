@@ -20,13 +20,13 @@ from spool_fleet.observations import (
     BIN,
     COULOMB,
     PARAMETERS,
-    REFERENCE,
     STIFFNESS,
     VISCOUS,
     ObservedValve,
     spread,
     weekly,
 )
+from spool_fleet.parquet import REFERENCE
 from spool_fleet.query import ask
 
 #: Points of a course at most: two years of weeks; a chart has hardly more columns of pixels to tell apart.

@@ -21,9 +21,8 @@ from spool_core.system import end_with_parent, limit_processors
 from spool_core.text import printable
 from spool_core.uncertainty import as_json
 
-from spool_fleet.analyses import Rows, Subject, analyses
 from spool_fleet.manifest import Manifest, StoredResult
-from spool_fleet.parquet import bring_up_to_date
+from spool_fleet.parquet import Rows, bring_up_to_date
 
 if TYPE_CHECKING:
     from spool_report.runs.record_replay import ReplaySettings
@@ -272,9 +271,11 @@ class DaskCluster(ProcessPool):
 
 
 def _run(task: Task, namespace: str, name: str) -> Outcome:
+    from spool_fleet.analyses import ANALYSES, Subject  # noqa: PLC0415 - slow to load
+
     subject = Subject(Path(task.path), namespace, task.valve_file, task.settings.get(namespace))
     try:
-        rows = analyses()[name].run(subject)
+        rows = ANALYSES[name](subject)
     except InputError as error:
         return Outcome(namespace, name, FAILED, printable(error, LONGEST), {})
     except (OSError, MemoryError) as error:

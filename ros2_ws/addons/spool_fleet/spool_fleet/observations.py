@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spool_core.numbers import MEDIAN_TO_DEVIATION, Array
 
-from spool_fleet.analyses import REFERRED
+from spool_fleet.parquet import REFERENCE, REFERRED
 from spool_fleet.query import ask
 
 VISCOUS, COULOMB, STIFFNESS = "viscous_coefficient", "coulomb_force", "spring_stiffness"
@@ -26,8 +26,6 @@ BIN = 7.0
 #: Standard deviations beyond which a value is clipped, and what that leaves of the mean square of a normal
 #: distribution (by integration).
 CLIP, CLIPPED_SQUARE = 2.5, 0.977
-#: deg C at which temperatures count from: that of the viscosity grades (ISO 3448).
-REFERENCE = 40.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,6 @@ from spool_sim.valve import find_valve
 
 from spool_fleet import execution
 from spool_fleet.add import DAMAGED, Added, Naming, PathPattern, Scan, add, found_bags, read_table, scan
-from spool_fleet.analyses import chosen
 from spool_fleet.manifest import Manifest, Service
 from spool_fleet.parquet import bring_up_to_date
 from spool_fleet.query import QUESTIONS, ask, rows_of, sql_of
@@ -77,6 +76,7 @@ def run_over_store(
     """
     from spool_report.runs.record_replay import settings_from  # noqa: PLC0415 - slow to load
 
+    from spool_fleet.analyses import chosen  # noqa: PLC0415
     from spool_fleet.judgement import sentences, write_trends  # noqa: PLC0415 - slow to load
 
     keys, count = dict.fromkeys(chosen(analysis), suite_version()), workers or processors()

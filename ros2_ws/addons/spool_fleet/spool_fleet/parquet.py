@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -18,6 +18,11 @@ from spool_core.system import staged
 from spool_fleet.manifest import Entry, Manifest, StoredResult
 
 FOLDER = "tables"
+#: Rows by table, without the columns of the record.
+Rows: TypeAlias = dict[str, list[list[Any]]]
+#: deg C to which viscous coefficients of different records are referred: that of ISO 3448's grades.
+REFERENCE = 40.0
+REFERRED = "viscous_coefficient_at_40C"
 #: Records whose rows are written together: enough for columns that compress, few enough for any memory.
 TOGETHER = 1000
 

@@ -14,11 +14,11 @@ import pytest
 import spool_fleet
 from spool_core.errors import InputError
 from spool_fleet import execution, parquet
-from spool_fleet.analyses import REFERRED, analyses, chosen
+from spool_fleet.analyses import ANALYSES, chosen
 from spool_fleet.execution import Done, ProcessPool, Task, run_task
 from spool_fleet.manifest import Manifest
 from spool_fleet.operations import add_service, add_to_store, answer, run_over_store
-from spool_fleet.parquet import RECORD_TABLES, rows_in_tables
+from spool_fleet.parquet import RECORD_TABLES, REFERRED, Rows, rows_in_tables
 from spool_report.outputs import suite_version, write_json
 
 PATTERN = "{machine}/{date}/{valve}"
@@ -296,11 +296,10 @@ def test_a_service_is_told_and_tables_are_read_while_another_process_is_at_work(
 def test_the_reason_of_a_failed_analysis_says_whose_fault_it_is(
     kind: type[Exception], ours: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    class Faulty:
-        def run(self, _subject: object) -> None:
-            raise kind("no such thing")
+    def faulty(_subject: object) -> Rows:
+        raise kind("no such thing")
 
-    monkeypatch.setattr(execution, "analyses", lambda: {"fit": Faulty()})
+    monkeypatch.setitem(ANALYSES, "fit", faulty)
     (outcome,) = run_task(Task(str(tmp_path), (("valve_1", ("fit",)),)))
     assert outcome.status == execution.FAILED
     assert ("a fault of the suite" in outcome.reason) == ours
@@ -322,7 +321,7 @@ def test_an_analysis_that_fails_says_why_and_stops_nothing(
 
 
 def test_every_analysis_gives_rows_of_the_tables(recordings: Path) -> None:
-    names = tuple(analyses())
+    names = tuple(ANALYSES)
     assert {"fit", "monitor", "gap", "features"} <= set(names)
     bag = recordings / "press_1/2026-03-02/valve_1"
     for outcome in run_task(Task(str(bag), (("valve_1", tuple(n for n in names if n != "gap")),))):
