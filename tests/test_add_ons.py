@@ -7,6 +7,7 @@ import subprocess
 from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from setup.layout import Layout, find_underlay
@@ -61,7 +62,8 @@ def test_the_core_alone_does_all_but_what_add_ons_do(core: Callable[..., Run], t
         done = spool(*words)
         assert done.returncode == 0, done.stderr
     assert (tmp_path / "fit.json").stat().st_size > 1000
-    (tmp_path / "setups.yaml").touch()
+    for name in ("setups.yaml", "rig.csv"):
+        (tmp_path / name).touch()
     for name, words in (
         ("spool_fleet", ("fleet", "add", BAG, "--store", "store")),
         ("spool_opcua", ("run", "spool_view", "opcua", "--ros-args", "-p", "port:=1")),
@@ -69,6 +71,7 @@ def test_the_core_alone_does_all_but_what_add_ons_do(core: Callable[..., Run], t
         ("spool_design", ("plan", "--question", "end_stop")),
         ("spool_design", ("fit", "--setups", "setups.yaml", "--valve", "4weh10_soft")),
         ("spool_design", ("export", "4weh10_soft", "--fmu", "valve.fmu")),
+        ("spool_rigs", ("gap", "rig.csv", "--kind", "imposed")),
     ):
         refused = spool(*words)
         assert refused.returncode == 2, words
@@ -79,6 +82,7 @@ def test_the_core_alone_does_all_but_what_add_ons_do(core: Callable[..., Run], t
         ("spool_design", "what_if('4weh10_soft')"),
         ("spool_design", "fit_setups('setups.yaml', '4weh10_soft')"),
         ("spool_design", "export_fmu('4weh10_soft', 'valve.fmu')"),
+        ("spool_rigs", "gap('rig.csv', kind='driven')"),
     ):
         refused = spool("python", "-c", f"import spool; spool.{call}")
         last = refused.stderr.splitlines()[-1]
@@ -107,3 +111,14 @@ def test_the_desk_tools_beside_the_core_have_their_commands_and_options(core: Ca
         assert done.returncode == 0, done.stderr
     refused = spool("fit", "--setups", "no_such.yaml", "--valve", "4weh10_soft")
     assert (refused.returncode, "no_such.yaml" in refused.stderr) == (2, True)
+
+
+def test_the_rigs_beside_the_core_analyse_forces(core: Callable[..., Run], tmp_path: Path) -> None:
+    time = np.arange(0.0, 8.0, 5e-3)
+    place = 0.02 * np.sin(2.5 * time) + 0.01 * np.sin(6.9 * time)
+    force = 30.0 * np.gradient(place, time) + 400.0 * place + 1e-3 * np.sin(1e4 * time)
+    rows, header = np.transpose([time, place, force]), "time_s,displacement_m,force_N"
+    np.savetxt(tmp_path / "rig.csv", rows, delimiter=",", header=header, comments="")
+    done = core("spool_rigs")("gap", "rig.csv", "--kind", "imposed", "--report", "gap.html")
+    assert done.returncode == 0, done.stderr
+    assert "Left out: a record of force" in (tmp_path / "gap.html").read_text("utf-8")

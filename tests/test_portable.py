@@ -53,7 +53,7 @@ def _reached(modules: dict[str, Module]) -> list[str]:
     """Return the modules that the offline commands import, directly or not, nodes left out."""
     waiting = [name for name in modules if re.search(rf"\.({'|'.join(OFFLINE)})_command$", name)]
     assert len(waiting) == len(OFFLINE)
-    waiting += ["spool_bringup.program", "spool_design.fmu", "spool_design.setups_run"]
+    waiting += ["spool_bringup.program", "spool_design.fmu", "spool_design.setups_run", "spool_rigs.analyse"]
     found: set[str] = set()
     while waiting:
         name = waiting.pop()

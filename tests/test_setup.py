@@ -486,7 +486,7 @@ class TestSetUp:
         setup = set_up / "ros2_ws/src/spool_sim/setup.py"
         setup.write_text(setup.read_text("utf-8").replace("simulator =", "other ="), "utf-8")
         result = spool(set_up, "test", "--version")
-        assert "[1/1] linking 14 packages ..." in result.stderr
+        assert "[1/1] linking 15 packages ..." in result.stderr
         assert os.access(set_up / "ros2_ws/install/lib/spool_sim/other", os.X_OK)
         assert spool(set_up, "test", "--version").stderr == ""
         subprocess.run(["git", "-C", set_up, "checkout", "--quiet", setup], check=True)
@@ -504,7 +504,7 @@ class TestSetUp:
         install = set_up / "ros2_ws/install"
         shutil.rmtree(install)
         result = spool(set_up, "test", "--version")
-        assert "[1/1] linking 14 packages ..." in result.stderr
+        assert "[1/1] linking 15 packages ..." in result.stderr
         assert "spool_msgs" not in result.stderr
         archive = max(messages_folder().glob("spool_msgs-*.zip"), key=lambda path: path.stat().st_mtime)
         archive.write_bytes(archive.read_bytes()[:-1000])
@@ -521,7 +521,8 @@ class TestSetUp:
         command = [*colcon, "build", "--merge-install"]
         command += ["--base-paths", set_up / "ros2_ws", "--build-base", tmp_path / "build"]
         command += ["--install-base", tmp_path / "install"]
-        command += ["--packages-up-to", "spool_bringup", "spool_design", "spool_fleet", "spool_opcua"]
+        add_ons = (path.name for path in (set_up / "ros2_ws/addons").iterdir())
+        command += ["--packages-up-to", "spool_bringup", *add_ons]
         command += ["--cmake-args", "-DBUILD_TESTING=OFF", "-DPYTHON_ONLY=ON"]
         environment = base_environment(layout, clean_environment())
         listed = [*colcon, "list", "--names-only", "--base-paths", set_up / "ros2_ws"]

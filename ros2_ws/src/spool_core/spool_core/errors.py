@@ -17,7 +17,7 @@ PACKAGES = {"yaml": "PyYAML", "nptdms": "npTDMS"}
 #: Libraries of ROS 2 besides messages, which no package registry has under these names.
 ROS = ("rclpy", "ament_index_python", "launch", "launch_ros")
 #: Packages of ros2_ws/addons, which an installation may lack.
-ADD_ONS = ("spool_design", "spool_fleet", "spool_opcua")
+ADD_ONS = ("spool_design", "spool_fleet", "spool_opcua", "spool_rigs")
 
 
 class InputError(ValueError):

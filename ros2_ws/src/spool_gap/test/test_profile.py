@@ -9,8 +9,6 @@ from hypothesis import strategies as st
 from spool_estimator.identification.determination import RISE_95, verdict_of
 from spool_estimator.identification.record import records_from_blocks
 from spool_gap.evidence.analyse import analyse
-from spool_gap.force.analyse import analyse_forces
-from spool_gap.force.balance import ForceRecord
 from spool_gap.result import GapSettings
 from spool_sim.excitation import SweptSine
 from spool_sim.model import MODELS
@@ -58,22 +56,3 @@ def test_the_friction_of_a_sweep_is_identifiable_and_its_interval_holds_the_trut
     assert profile.high is not None
     assert profile.low < 0.4 < profile.high
     assert profile.high - profile.low < 0.02
-
-
-def test_a_load_cell_s_record_tells_which_of_its_numbers_it_determines() -> None:
-    """A rig at two speeds of one sign of slip knows a force, and not the speed at which friction falls."""
-    time = np.arange(0.0, 24.0, 2e-3)
-    draw = np.random.default_rng(3)
-    place = 0.02 * np.sin(2.0 * np.pi * 0.5 * time) + 0.004 * np.sin(2.0 * np.pi * 2.3 * time)
-    speed = np.gradient(place, time)
-    force = 6.0 * speed + 800.0 * place + 0.7 * np.sign(speed) + 0.02 * draw.standard_normal(time.size)
-    result = analyse_forces(
-        [ForceRecord("rig", 0.0, 2e-3, place, force)], MODELS["fluid"], "imposed",
-        settings=GapSettings(profiles=True),
-    )  # fmt: skip
-    assert "coulomb_friction" in result.verdict
-    profile = next(one for one in result.profiles if one.name == "coulomb_force")
-    assert profile.verdict == "identifiable"
-    assert profile.low is not None
-    assert profile.high is not None
-    assert 0.68 < profile.low < profile.high < 0.72

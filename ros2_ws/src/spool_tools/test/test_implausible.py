@@ -33,14 +33,6 @@ def shaken(path: Path, unit: float = 1.0) -> str:
     return written(path, "time_s,body_m_s2,spool_m_s2", rows)
 
 
-def forced(path: Path, displacement: float = 1e-3, force: float = 5.0) -> str:
-    rows = [
-        (number / RATE, displacement * math.sin(0.05 * number), 3.0 + force * math.sin(0.05 * number + 0.1))
-        for number in range(4000)
-    ]
-    return written(path, "time_s,displacement_m,force_N", rows)
-
-
 def refusal(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> str:
     """Return the one line that a command refuses with."""
     assert main(arguments) == 2
@@ -82,18 +74,6 @@ def test_a_rate_is_taken_live_where_it_is_taken_as_a_file(rate: float, tmp_path:
     taken = main(["import", record, "--look"]) == 0
     body, spool = (np.array([row[column] for row in rows], np.float32) for column in (1, 2))
     assert taken == (malformed(Block(1, 0, 1.0 / rate, body, spool)) is None)
-
-
-@pytest.mark.parametrize("kind", ["driven", "imposed"])
-@pytest.mark.parametrize(
-    ("still", "name"), [({"force": 0.0}, "force_N"), ({"displacement": 0.0}, "displacement_m")]
-)
-def test_a_held_out_record_that_does_not_vary_is_refused(
-    kind: str, still: dict[str, float], name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    moving, held = forced(tmp_path / "moving.csv"), forced(tmp_path / "held.csv", **still)
-    said = refusal(["gap", moving, "--kind", kind, "--holdout", held], capsys)
-    assert f"held.csv: {name} does not change" in said
 
 
 @pytest.mark.parametrize("command", ["replay", "fit", "compare", "gap", "simulate"])

@@ -20,7 +20,6 @@ from spool_report.records.record_loading import (
     load_recordings,
 )
 from spool_report.requests import Part
-from spool_report.runs.gap_run import _force_records
 from spool_sim.valve import find_valve
 from spool_tools.cli import main
 
@@ -44,30 +43,6 @@ def test_a_bag_and_the_csv_made_of_it_hold_the_same_record(tmp_path: Path) -> No
     assert of_csv.sample_period == pytest.approx(of_bag.sample_period, rel=1e-9)
     np.testing.assert_allclose(of_csv.body, of_bag.body, atol=1e-6)
     np.testing.assert_allclose(of_csv.spool, of_bag.spool, atol=1e-6)
-
-
-def test_a_record_of_forces_takes_units_rate_and_left_out_columns(tmp_path: Path) -> None:
-    time = np.arange(400) / 200.0
-    place, force = 1e-3 * np.sin(9.0 * time), 40.0 * np.cos(9.0 * time)
-    columns = ((time, place, force), (1e3 * time, 1e3 * place, force, 0.5 * time))
-    for name, rows in zip(("si.csv", "own.csv"), columns, strict=True):
-        head = "time_s,displacement_m,force_N\n" if name == "si.csv" else ""
-        (tmp_path / name).write_text(
-            head + "\n".join(",".join(f"{x:.9f}" for x in row) for row in np.transpose(rows)), "utf-8"
-        )
-    (plain,) = _force_records([tmp_path / "si.csv"], "imposed", Selection(), [])
-    own = "time=#0,displacement=#1,force=#2"
-    asked = Part(columns=own, unit=["time=ms,displacement=mm,force=N"], exclude=["#3"]).selection()
-    (found,) = _force_records([tmp_path / "own.csv"], "imposed", asked, [])
-    assert found.period == pytest.approx(plain.period, rel=1e-9)
-    np.testing.assert_allclose(found.displacement, plain.displacement, atol=1e-9)
-    np.testing.assert_allclose(found.force, plain.force, atol=1e-9)
-    units, columns = ["displacement=mm,force=N"], "displacement=#1,force=#2"
-    counted = Part(columns=columns, unit=units, rate=200.0, exclude=["#0,#3"]).selection()
-    (timed,) = _force_records([tmp_path / "own.csv"], "imposed", counted, [])
-    assert timed.period == pytest.approx(1.0 / 200.0, rel=1e-9)
-    with pytest.raises(InputError, match=r"--rate 500: .* shows 200 Hz"):
-        _force_records([tmp_path / "si.csv"], "imposed", Part(rate=500.0).selection(), [])
 
 
 def test_a_bag_takes_no_units(tmp_path: Path) -> None:

@@ -9,15 +9,13 @@ from functools import partial
 import numpy as np
 from spool_core.errors import InputError
 from spool_core.events.event import Event, EventState
-from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95, Quantity
 from spool_estimator.estimate import Estimate
 from spool_estimator.identification.fit_result import SPOOL_DELAY, SPOOL_GAIN, Fit
 from spool_estimator.identification.free_run import excitation_limit
 from spool_estimator.identification.record import Record
-from spool_gap.force.balance import ForceRecord
 from spool_gap.likelihood.structure import DELAY, GAIN
-from spool_gap.result import Curves, GapResult
+from spool_gap.result import GapResult
 from spool_monitor.drift_trace import DriftTrace
 from spool_report.evidence import drifts, motion
 from spool_report.evidence.exhibit import Exhibit, LeftOut, Mark, made
@@ -30,10 +28,6 @@ HARMONICS, BEYOND = 4.0, 1.2
 
 #: Names of both sides.
 BASE, FOUND = "base model", "with what was found"
-#: Times the highest frequency with motion that a spectrum over time shows.
-BEYOND_OF_FORCES = 4.0
-#: Share of the motion's power that lies below that frequency.
-MOST = 0.999
 
 #: The estimator's model, and how the reader knows its numbers.
 MODEL, NAME = "coulomb", "model of the last estimate"
@@ -82,15 +76,6 @@ class AccelerationEvidence:
     def _transmissibility(self) -> Exhibit:
         self._need_a_model()
         return motion.transmissibility(motion.runs_of(self.records, self.valve, self.sides))
-
-
-def force_exhibits(records: Sequence[ForceRecord], curves: Curves) -> list[Exhibit | LeftOut]:
-    """Return every picture that ``records`` of force allow; ``curves`` are those of the analysis."""
-    no_body = LeftOut(
-        motion.TRANSMISSIBILITY_TITLE, "a record of force and displacement holds no acceleration of the body"
-    )
-    over_time = made(CAMPBELL_TITLE, partial(_over_time, records))
-    return [over_time, no_body, made(motion.LOOPS_TITLE, partial(_loops, records, curves))]
 
 
 def fit_exhibits(found: Fit, valve: Valve, records: Sequence[Record]) -> list[Exhibit | LeftOut]:
@@ -157,36 +142,6 @@ def replay_exhibits(one: Replayed) -> list[Exhibit | LeftOut]:
     if not shown:
         shown = [LeftOut("Drift of the parameters", "the estimator gave no estimate in this record")]
     return [*shown, *AccelerationEvidence(one.records, one.valve, _sides(one), _frequencies(one)).exhibits()]
-
-
-def _over_time(records: Sequence[ForceRecord]) -> Exhibit:
-    period, first = records[0].period, min(entry.start for entry in records)
-    rows = sorted((entry for entry in records if entry.period == period), key=lambda entry: entry.start)
-    highest = BEYOND_OF_FORCES * max(_reaches(entry.displacement, period) for entry in rows)
-    parts = [(entry.start - first, entry.displacement, entry.force) for entry in rows]
-    return campbell(spectrogram(parts, period, highest), {}, "N²/Hz")
-
-
-def _reaches(row: Array, period: float) -> float:
-    """Return the frequency, Hz, below which nearly all of the power of ``row`` lies."""
-    power = np.abs(np.fft.rfft((row - row.mean()) * np.hanning(row.size))) ** 2
-    share = np.cumsum(power) / max(float(power.sum()), 1e-300)
-    return max(
-        float(np.fft.rfftfreq(row.size, period)[int(np.searchsorted(share, MOST))]), 5.0 / (row.size * period)
-    )
-
-
-def _loops(records: Sequence[ForceRecord], curves: Curves) -> Exhibit:
-    """Return the loops of the stretch that the curves show."""
-    for entry in records:
-        if entry.time[0] <= curves.time[0] and curves.time[-1] <= entry.time[-1] + 0.5 * entry.period:
-            displacement = np.interp(curves.time, entry.time, entry.displacement)
-            centred = displacement - displacement.mean()
-            velocity = np.gradient(centred, entry.period)
-            models = {BASE: curves.before, FOUND: curves.after}
-            part = (float(curves.time[0]), centred, velocity, curves.measured, models)
-            return motion.force_loops(motion.loops_from([part], entry.period))
-    raise InputError("the stretch that the analysis shows is not among the records")
 
 
 def _numbers(

@@ -10,10 +10,12 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_estimator.identification.determination import sentences
 from spool_gap.catalogue.friction import dahl_state, slider_state
-from spool_gap.force.analyse import TriedForces, analyse_forces, decide, probabilities
-from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
-from spool_gap.force.result import check_one_mass, determined
 from spool_gap.report import result_to_dict
+from spool_gap.result import GapSettings
+from spool_rigs.analyse import TriedForces, analyse_forces, decide, probabilities
+from spool_rigs.balance import ForceBalance, ForceFit
+from spool_rigs.records import ForceRecord
+from spool_rigs.result import check_one_mass, determined
 from spool_sim.model import MODELS
 
 PERIOD = 0.005
@@ -299,3 +301,22 @@ def test_numbers_that_differ_between_two_records_are_reported() -> None:
 def _differing(records: list[ForceRecord], holdout: list[ForceRecord]) -> list[str]:
     result = analyse_forces(records, MODELS["fluid"], "imposed", holdout=holdout)
     return [line for line in result.warnings if line.startswith("no parameters fit all records")]
+
+
+def test_a_load_cell_s_record_tells_which_of_its_numbers_it_determines() -> None:
+    """A rig at two speeds of one sign of slip knows a force, and not the speed at which friction falls."""
+    time = np.arange(0.0, 24.0, 2e-3)
+    draw = np.random.default_rng(3)
+    place = 0.02 * np.sin(2.0 * np.pi * 0.5 * time) + 0.004 * np.sin(2.0 * np.pi * 2.3 * time)
+    speed = np.gradient(place, time)
+    force = 6.0 * speed + 800.0 * place + 0.7 * np.sign(speed) + 0.02 * draw.standard_normal(time.size)
+    result = analyse_forces(
+        [ForceRecord("rig", 0.0, 2e-3, place, force)], MODELS["fluid"], "imposed",
+        settings=GapSettings(profiles=True),
+    )  # fmt: skip
+    assert "coulomb_friction" in result.verdict
+    profile = next(one for one in result.profiles if one.name == "coulomb_force")
+    assert profile.verdict == "identifiable"
+    assert profile.low is not None
+    assert profile.high is not None
+    assert 0.68 < profile.low < profile.high < 0.72

@@ -18,21 +18,14 @@ from scipy.optimize import least_squares
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
+from spool_gap.catalogue import EFFECTS
+from spool_gap.effect import Effect
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_for
 from spool_sim.model import Model
 from spool_sim.terms import term
 
-from spool_gap.catalogue import EFFECTS
-from spool_gap.effect import Effect
-from spool_gap.force.balance import (
-    BASE_NAMES,
-    ForceBalance,
-    ForceFit,
-    ForceRecord,
-    correlation_of,
-    independent_samples,
-    white_power,
-)
+from spool_rigs.balance import BASE_NAMES, ForceBalance, ForceFit, correlation_of, independent_samples
+from spool_rigs.records import ForceRecord, white_power
 
 Chosen = tuple[tuple[Effect, dict[str, float]], ...]
 
@@ -297,15 +290,14 @@ def position_rmse(
 
 def stretches_of(records: Sequence[ForceRecord]) -> tuple[list[ForceRecord], list[float]]:
     """Return ``records`` cut into stretches of ``STRETCH`` s or a little more, and where each begins, m/s."""
-    found, speeds = [], []
+    found: list[ForceRecord] = []
+    speeds = []
     for record in records:
-        count = max(1, int(record.duration / STRETCH))
-        edges = (record.force.size * np.arange(count + 1)) // count
-        for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            place, force = record.displacement[low:high], record.force[low:high]
-            start = record.start + low * record.period
-            found.append(ForceRecord(record.name, start, record.period, place, force))
-            speeds.append(speed_at(record, low))
+        first = 0
+        for part in record.cut(max(1, int(record.duration / STRETCH))):
+            found.append(part)
+            speeds.append(speed_at(record, first))
+            first += part.force.size
     return found, speeds
 
 
@@ -317,12 +309,6 @@ def _deviation(errors: Array, parts: int) -> float:
 
 def parts_of(records: Sequence[ForceRecord]) -> list[ForceRecord]:
     """Return ``records`` cut into parts that are left out by turns; few where they are short."""
-    found = []
-    for record in records:
-        count = int(np.clip(record.duration / PART, 1, MOST_PARTS))
-        edges = (record.force.size * np.arange(count + 1)) // count
-        for low, high in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True):
-            start = record.start + low * record.period
-            place, force = record.displacement[low:high], record.force[low:high]
-            found.append(ForceRecord(record.name, start, record.period, place, force))
-    return found
+    return [
+        part for record in records for part in record.cut(int(np.clip(record.duration / PART, 1, MOST_PARTS)))
+    ]

@@ -11,21 +11,24 @@ import numpy as np
 from spool_core.errors import InputError
 from spool_core.uncertainty import Z_95, percent, with_interval
 from spool_estimator.identification.determination import ProfileLikelihood, verdict_of
-from spool_sim.model import Model
-
 from spool_gap.catalogue import EFFECTS, FRICTIONS
 from spool_gap.effect import Effect
 from spool_gap.evidence.decision import OUTSIDE, probabilities_of
-from spool_gap.force.balance import (
+from spool_gap.likelihood.structure_fit import DECISIVE
+from spool_gap.result import Explanation, GapResult, GapSettings, NamedEffect, Progress, RankedHypothesis
+from spool_report.requests import GapRequest, Selection
+from spool_sim.model import Model
+from spool_sim.valve import Valve, find_valve
+
+from spool_rigs.balance import (
     ForceBalance,
     ForceFit,
-    ForceRecord,
     check_mass,
     check_motion,
     conditions_of,
     independent_samples,
 )
-from spool_gap.force.position import (
+from spool_rigs.position import (
     CONSTANT,
     Chosen,
     cross_validated,
@@ -33,9 +36,8 @@ from spool_gap.force.position import (
     free_run_error,
     parameters_of,
 )
-from spool_gap.force.result import check_one_mass, closing, determined, quantities_of, result_of
-from spool_gap.likelihood.structure_fit import DECISIVE
-from spool_gap.result import Explanation, GapResult, GapSettings, NamedEffect, Progress, RankedHypothesis
+from spool_rigs.records import LEAST, ForceRecord, force_records
+from spool_rigs.result import check_one_mass, closing, determined, quantities_of, result_of
 
 #: s of the stretches that are fitted and held out by turns.
 STRETCH = 4.0
@@ -60,6 +62,29 @@ PROBABLE = 0.05
 #: Standard deviations of a linear number, and factors on one that shapes a law, at which they are held.
 DEVIATIONS = (-4.0, -3.0, -2.0, -1.0, 0.0, 1.0, 2.0, 3.0, 4.0)
 FACTORS = (0.1, 0.3, 0.6, 0.8, 0.9, 0.95, 1.0, 1.05, 1.1, 1.25, 1.6, 3.0, 10.0)
+
+
+def gap_of_forces(
+    request: GapRequest, selection: Selection, base: Model, settings: GapSettings, progress: Progress
+) -> tuple[GapResult, Valve | None, list[ForceRecord]]:
+    """Return what ``base`` lacks in the records of ``request``, their valve if one is named, and all of them.
+
+    Raises:
+        InputError: records or valve cannot be used.
+    """
+    # Who imposes a motion measures the force on whatever is moved: no mass is known.
+    named = request.valve if request.kind == "driven" else None
+    valve = None if named is None else find_valve(named)
+    mass = request.mass if valve is None or request.mass is not None else valve.moving_mass
+    notes: list[str] = []
+    records, held = (
+        force_records(paths, request.kind, selection, notes) for paths in (request.records, request.holdout)
+    )
+    found = analyse_forces(
+        records, base, request.kind, holdout=held, mass=mass, settings=settings, progress=progress
+    )
+    found = replace(found, warnings=(*dict.fromkeys(notes), *found.warnings))
+    return found, valve, [*records, *held]
 
 
 def analyse_forces(
@@ -149,15 +174,8 @@ def _split(
     train: list[ForceRecord] = []
     held: list[ForceRecord] = []
     for record in records:
-        count = round(record.duration / STRETCH)
-        count = max(count, 2)
-        edges = (record.force.size * np.arange(count + 1)) // count
-        for number, (low, high) in enumerate(zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)):
-            part = ForceRecord(
-                record.name, record.start + low * record.period, record.period,
-                record.displacement[low:high], record.force[low:high],
-            )  # fmt: skip
-            if part.force.size >= 30:
+        for number, part in enumerate(record.cut(max(2, round(record.duration / STRETCH)))):
+            if part.force.size >= LEAST:
                 (train if number % 2 == 0 else held).append(part)
     if not train or not held:
         longest = max(record.duration for record in records)

@@ -14,20 +14,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from scipy import signal
-from scipy.ndimage import binary_dilation, binary_opening, gaussian_filter1d
+from scipy.ndimage import binary_dilation, binary_opening
 from scipy.optimize import minimize, minimize_scalar
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import percent
-
 from spool_gap.effect import Effect, Motion
 
-#: Polynomial that velocity and acceleration are taken from, and how much of the fastest motion it spans.
-DEGREE = 3
-#: Deviations at which the low-pass ends: the kernel of its second derivative must add up to 0, or it reads a
-#: spring out of a displacement. At 4 it adds up to 1e-3 of its peak, at 6 to 1e-7.
-TRUNCATED = 6.0
+from spool_rigs.records import ForceRecord, white_power
+
 #: Deviations of its noise below which a velocity counts as none.
 STILL = 4.0
 #: Powers of 2 that a number which shapes a law is moved by, and to what: around what was scanned, then finer
@@ -46,88 +41,6 @@ BASE_NAMES = {
     "mass": ("mass", "kg"),
     "zero": ("force_zero", "N"),
 }
-
-
-@dataclass(frozen=True, slots=True)
-class ForceRecord:
-    """Evenly spaced samples without gaps.
-
-    Attributes:
-        name: of the file.
-        start: s, time of the first sample.
-        period: s between samples.
-        displacement: m, shape (n,).
-        force: N, shape (n,).
-    """
-
-    name: str
-    start: float
-    period: float
-    displacement: Array
-    force: Array
-
-    def __post_init__(self) -> None:
-        """Check shapes and numbers.
-
-        Raises:
-            InputError: the rows differ in length or hold what is not a number.
-        """
-        if self.displacement.shape != self.force.shape or self.force.ndim != 1:
-            raise InputError(f"{self.name}: displacement and force must be rows of one length")
-        if not (np.isfinite(self.displacement).all() and np.isfinite(self.force).all()):
-            raise InputError(f"{self.name}: displacement or force contains values that are not numbers")
-
-    @property
-    def duration(self) -> float:
-        """s."""
-        return self.force.size * self.period
-
-    @property
-    def time(self) -> Array:
-        """s, shape (n,)."""
-        return np.asarray(self.start + self.period * np.arange(self.force.size), dtype=np.float64)
-
-    def smoothing(self) -> int:
-        """Return the odd number of samples over which velocity and acceleration are taken.
-
-        An eighth of the period of the fastest motion that matters, so that the slopes lose about 1 %.
-        """
-        lines = np.abs(
-            np.fft.rfft((self.displacement - self.displacement.mean()) * np.hanning(self.force.size))
-        )
-        frequency = np.fft.rfftfreq(self.force.size, self.period)
-        power = np.cumsum((lines * frequency) ** 2)
-        if power[-1] <= 0.0:
-            return 5
-        fastest = float(frequency[min(np.searchsorted(power, 0.9 * power[-1]), frequency.size - 1)])
-        wanted = round(0.125 / max(fastest, 1e-9) / self.period)
-        return int(np.clip(wanted | 1, 5, max(5, (self.force.size // 8) | 1)))
-
-    def low_passed(self, row: Array, order: int = 0) -> Array:
-        """Return ``row`` (shape (n,), in its unit) through a Gaussian low-pass, or its derivative over time.
-
-        Its deviation is a 32nd of the fastest motion's period: 2 % are lost there. All orders share one
-        operator, so a balance of forces that holds for the rows holds for what this makes of them.
-        """
-        width = max(1.0, 0.25 * self.smoothing())
-        passed = gaussian_filter1d(row, width, order=order, mode="nearest", truncate=TRUNCATED)
-        return np.asarray(passed) / self.period**order
-
-    @property
-    def inner(self) -> Array:
-        """1 where ``low_passed`` knows both sides, else 0, shape (n,)."""
-        reach = min(self.force.size // 3, int(np.ceil(0.25 * TRUNCATED * self.smoothing())))
-        known = np.ones(self.force.size)
-        known[:reach] = known[-reach:] = 0.0
-        return known
-
-    def derivative(self, order: int) -> Array:
-        """Return the displacement's derivative over time, m/s or m/s^2, shape (n,)."""
-        return np.asarray(
-            signal.savgol_filter(
-                self.displacement, self.smoothing(), DEGREE, deriv=order, delta=self.period, mode="interp"
-            )
-        )
 
 
 def correlation_of(covariance: Array) -> Array:
@@ -384,9 +297,7 @@ class ForceBalance:
         power = white_power(record.force)
         if not self.driven:
             return power
-        pulse = np.zeros(8 * record.smoothing() + 1)
-        pulse[pulse.size // 2] = 1.0
-        return power * float(np.sum(record.low_passed(pulse) ** 2))
+        return power * float(np.sum(record.answer() ** 2))
 
 
 def _known(record: ForceRecord, motion: Motion) -> Array:
@@ -399,12 +310,6 @@ def _known(record: ForceRecord, motion: Motion) -> Array:
     still = binary_opening(still > 0.0, np.ones(max(4, width // 2)))
     sticks = binary_dilation(still, np.ones(2 * width + 1))
     return np.asarray(record.inner * ~sticks)
-
-
-def white_power(row: Array) -> float:
-    """Return the power of the white noise in ``row``, from its third differences' quieter half."""
-    differences = np.diff(row, 3) ** 2 / 20.0
-    return float(np.median(differences) / 0.455)
 
 
 def _motion(record: ForceRecord, centre: float, *, driven: bool) -> Motion:

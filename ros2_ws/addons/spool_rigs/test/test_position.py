@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 from spool_core.numbers import Array
 from spool_gap.catalogue import EFFECTS
-from spool_gap.force import analyse as workflow
-from spool_gap.force.analyse import analyse_forces, searched
-from spool_gap.force.balance import ForceBalance, ForceFit, ForceRecord
-from spool_gap.force.position import Chosen, cross_validated, position_rmse, position_run, speed_at
 from spool_gap.result import GapSettings, RankedHypothesis
+from spool_rigs import analyse as workflow
+from spool_rigs.analyse import analyse_forces, searched
+from spool_rigs.balance import ForceBalance, ForceFit
+from spool_rigs.position import Chosen, cross_validated, position_rmse, position_run, speed_at
+from spool_rigs.records import ForceRecord
 from spool_sim.model import MODELS, Model
 from spool_sim.terms import term
 

@@ -13,19 +13,8 @@ from spool_core.uncertainty import Z_95, Quantity, Validity, with_interval
 from spool_estimator.identification.determination import Determination, by_information, hidden_by_name
 from spool_estimator.identification.least_squares import Unknown, sizes_of, unseen_directions
 from spool_estimator.identification.spectra import density_of
-from spool_sim.model import Model
-
 from spool_gap import report
 from spool_gap.catalogue import EFFECTS, FRICTIONS
-from spool_gap.force.balance import (
-    BASE_NAMES,
-    ForceBalance,
-    ForceFit,
-    ForceRecord,
-    independent_samples,
-    white_power,
-)
-from spool_gap.force.position import CONSTANT, Chosen, free_run_error, model_of, parameters_of
 from spool_gap.result import (
     UNEXPLAINED,
     Curves,
@@ -35,6 +24,11 @@ from spool_gap.result import (
     RankedHypothesis,
     Remainder,
 )
+from spool_sim.model import Model
+
+from spool_rigs.balance import BASE_NAMES, ForceBalance, ForceFit, independent_samples
+from spool_rigs.position import CONSTANT, Chosen, free_run_error, model_of, parameters_of
+from spool_rigs.records import ForceRecord, white_power
 
 #: Error from which the remainder has no name; below, derivatives of the displacement may be the reason.
 LEFT = 0.03
@@ -364,10 +358,8 @@ def _seen(balance: ForceBalance, names: list[str], fit: ForceFit) -> Array:
 
 def _noise(balance: ForceBalance, record: ForceRecord, names: list[str]) -> Array:
     """Return the most that the displacement's noise adds to the information of a record, shape (u, u)."""
-    pulse = np.zeros(8 * record.smoothing() + 1)
-    pulse[pulse.size // 2] = 1.0
     orders = {"stiffness": 0, "damping": 1, "mass": 2}
-    answers = np.array([record.low_passed(pulse, orders[name]) for name in names])
+    answers = np.array([record.answer(orders[name]) for name in names])
     count = float(balance.known[id(record)].sum())
     independent = max(1.0, count / record.smoothing())
     most = 1.0 + BY_CHANCE * math.sqrt(2.0 / independent)

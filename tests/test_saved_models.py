@@ -15,13 +15,17 @@ from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.uncertainty import Quantity, Validity
 from spool_gap.catalogue import EFFECTS
-from spool_gap.force.balance import ForceBalance, ForceRecord
-from spool_gap.force.position import model_of
-from spool_gap.force.result import quantities_of
 from spool_report.fit_tables import AGREEMENT, save_model
+from spool_rigs.balance import ForceBalance
+from spool_rigs.position import model_of
+from spool_rigs.records import ForceRecord
+from spool_rigs.result import quantities_of
 from spool_sim.integration.composed_motion import ComposedMotion, MotionState, substeps_for
 from spool_sim.model import MODELS, Model, load_model
+from spool_sim.terms import term
+from spool_sim.valve import find_valve
 
+SOFT = find_valve("4weh10_soft")
 PERIOD = 1e-3
 TIME = PERIOD * np.arange(400)
 FORCES = sorted(name for name, entry in EFFECTS.items() if entry.terms)
@@ -125,3 +129,20 @@ def test_a_saved_fit_is_the_reported_one(name: str, decades: list[float], unit: 
     ]
     with tempfile.TemporaryDirectory() as folder:
         judged(Model(name, model.terms, values), reported, folder)
+
+
+@pytest.mark.parametrize("name", [name for name, effect in EFFECTS.items() if effect.terms])
+def test_a_saved_model_is_read_back_as_it_was(name: str, tmp_path: Path) -> None:
+    """Small numbers too: YAML reads 1e-05 as text."""
+    terms = (*MODELS["fluid"].terms, *(term(entry) for entry in EFFECTS[name].terms))
+    values = {
+        parameter.name: min(max(parameter.low, parameter.start_for(SOFT) / 3.0), parameter.high)
+        for parameter in Model("fluid", terms).parameters
+    }
+    file = tmp_path / "found.yaml"
+    fitted = [Quantity("spring_stiffness", "N/m", values["spring_stiffness"], 0.5, Validity.VALID)]
+    save_model(file, Model("fluid", terms, values), "fluid_gap", values, fitted, "two\nlines")
+    read = load_model(file)
+    assert dict(read.values) == values
+    assert [entry.name for entry in read.terms] == [entry.name for entry in terms]
+    assert read.values_for(SOFT) == values

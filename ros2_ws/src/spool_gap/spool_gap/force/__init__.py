@@ -1,1 +1,0 @@
-"""Force records: the missing force by regression at the measured motion."""
