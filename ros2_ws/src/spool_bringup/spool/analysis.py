@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import io
-import json
 import tempfile
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
@@ -14,15 +12,14 @@ from typing import Any, cast
 from spool_core.errors import InputError
 from spool_core.system import expanded
 from spool_core.text import did_you_mean
-from spool_report.outputs import ResultFiles
+from spool_report.outputs import sources
 from spool_report.requests import CompareRequest, FitRequest, GapRequest, Selection
 from spool_report.runs.fit_run import compare_records, fit_records
 from spool_sim.valve import read_mapping
 
-from spool import results
 from spool.errors import in_python, one_error
 from spool.record import AnyRecord, AnyValve, listed, part_of, path_of, selected, valve_files
-from spool.results import Comparison, Fit, Gap, Replay, SetUpsFit, WhatIf
+from spool.results import Comparison, Fit, Gap, Replay, SetUpsFit, WhatIf, keeping_backend
 
 #: What ``gap`` takes for its kind.
 KINDS = ("accelerations", "driven", "imposed")
@@ -225,31 +222,16 @@ def gap(
     every = listed(records)
     part = part_of(every, name, start, stop, since, until, around)
     paths, held_out = [path_of(one) for one in every], _held_out(holdout)
-    with results.keeping_backend(), valve_files([valve]) as (file,), tempfile.TemporaryDirectory() as folder:
-        from spool_report.runs.gap_run import run_gap  # noqa: PLC0415
+    with valve_files([valve]) as (file,):
+        from spool_report.runs.gap_run import find_gap  # noqa: PLC0415
 
-        found, page, model = (Path(folder) / name for name in ("gap.json", "gap.html", "gap.yaml"))
         request = GapRequest(
             records=paths, valve=file, base=str(base), holdout=held_out, kind=cast("Any", kind), mass=mass,
             gain_tolerance=gain_tolerance, delay_tolerance=delay_tolerance, least_share=least_share,
             thorough=thorough, profiles=profiles,
         )  # fmt: skip
-        shown = results.text_console()
-        with contextlib.redirect_stdout(io.StringIO()):
-            refused = ""
-            try:
-                run_gap(request, selected(part), ResultFiles(found, page, model), shown)
-            except InputError as error:
-                if not page.exists():
-                    raise
-                refused = str(error).partition(": ")[2]
-        return Gap(
-            json.loads(found.read_text(encoding="utf-8")),
-            results.text_of(shown),
-            page.read_text(encoding="utf-8"),
-            "" if refused else model.read_text(encoding="utf-8"),
-            refused,
-        )
+        found = find_gap(request, selected(part))
+    return Gap(found, sources([*paths, *held_out], found.valve))
 
 
 @one_error
@@ -296,7 +278,7 @@ def replay(
             state=None if state is None else expanded(state),
             params_file=None if params_file is None else expanded(params_file),
         )  # fmt: skip
-        with results.keeping_backend() if report else contextlib.nullcontext():
+        with keeping_backend() if report else contextlib.nullcontext():
             found = replay_bag(request, page if report else None, baseline_time)
         return Replay(found, page.read_text(encoding="utf-8") if report else "")
 

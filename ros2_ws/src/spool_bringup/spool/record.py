@@ -19,7 +19,7 @@ from spool_bag.importing.bag_import import import_record
 from spool_core.errors import InputError
 from spool_core.numbers import Array
 from spool_core.system import expanded
-from spool_report.outputs import replace_existing
+from spool_report.outputs import replacing
 from spool_report.records import simulation
 from spool_report.records.record_loading import Recording, load_recording
 from spool_report.records.valve_sheet import described, file_text
@@ -395,12 +395,8 @@ def export_fmu(
     """
     from spool_design.fmu import export_fmu as write_fmu  # noqa: PLC0415 - an add-on
 
-    replace_existing(replace)
-    try:
-        with valve_files([valve]) as (file,):
-            write_fmu(str(file), Path(path), str(model), fmi)
-    finally:
-        replace_existing(False)
+    with replacing(replace), valve_files([valve]) as (file,):
+        write_fmu(str(file), Path(path), str(model), fmi)
     return Path(path)
 
 

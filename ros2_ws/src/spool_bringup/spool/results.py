@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import io
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
@@ -14,9 +15,10 @@ from rich.console import Console
 from spool_core.errors import InputError
 from spool_core.uncertainty import as_json
 from spool_report import fit_tables
-from spool_report.outputs import replace_existing, write_file, write_json
+from spool_report.outputs import replacing, write_file, write_json
 from spool_report.ranking import FittedSeries, Ranking, ValidatedFit
 from spool_report.runs.fit_run import save_fit
+from spool_report.terminal import warn
 
 from spool.errors import one_error
 
@@ -25,29 +27,19 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from spool_design.setups import FittedSetUps
     from spool_design.what_if import WhatIf as Prediction
+    from spool_report.runs.gap_run import FoundGap
     from spool_report.runs.record_quality import RecordQuality
 
 #: Characters of a line of ``summary()`` and in a notebook.
 WIDTH = 120
 
 
-def text_console(*, record: bool = False) -> Console:
-    """Return a console that writes into a string. In a notebook rich would display each line instead.
-
-    Args:
-        record: keep styles for ``export_html``.
-    """
-
+def recording() -> Console:
+    """Return a console that shows nothing and records all. In a notebook rich would display each line."""
     return Console(
-        file=io.StringIO(), width=WIDTH, record=record, color_system="truecolor" if record else None,
-        force_jupyter=False, force_terminal=False,
+        file=io.StringIO(), width=WIDTH, record=True, color_system="truecolor", force_jupyter=False,
+        force_terminal=False,
     )  # fmt: skip
-
-
-def text_of(console: Console) -> str:
-    """Return what was written on a ``text_console``."""
-    assert isinstance(console.file, io.StringIO)
-    return console.file.getvalue().rstrip()
 
 
 @contextmanager
@@ -85,9 +77,13 @@ class Picture:
 class Result(ABC):
     """Result of an analysis."""
 
-    @abstractmethod
+    def __init__(self, data: Any) -> None:
+        """Take what ``--json`` of the command writes."""
+        self._data: dict[str, Any] = as_json(data)
+
     def to_dict(self) -> dict[str, Any]:
         """Return what ``--json`` of the command writes: SI units, ``None`` where a number is not known."""
+        return copy.deepcopy(self._data)
 
     @abstractmethod
     def _print(self, console: Console) -> None:
@@ -99,9 +95,9 @@ class Result(ABC):
 
     def summary(self) -> str:
         """Return what the command prints, as text."""
-        console = text_console()
+        console = recording()
         self._print(console)
-        return text_of(console)
+        return console.export_text().rstrip()
 
     @one_error
     def save(self, path: str | Path, *, replace: bool = False) -> None:
@@ -118,20 +114,19 @@ class Result(ABC):
         path = Path(path)
         if path.suffix not in (".json", ".html"):
             raise InputError(f"{path}: a result is saved as .json or .html: change the ending")
-        replace_existing(replace)
-        try:
+        with replacing(replace):
             if path.suffix == ".json":
-                write_json(path, self.to_dict())
+                write_json(path, self._data)
             else:
-                write_file(path, self._page(), "save")
-        finally:
-            replace_existing(False)
+                with keeping_backend():
+                    page = self._page()
+                write_file(path, page, "save")
 
     def __repr__(self) -> str:
         return self.summary()
 
     def _repr_html_(self) -> str:
-        console = text_console(record=True)
+        console = recording()
         self._print(console)
         return console.export_html(
             inline_styles=True, code_format='<pre style="line-height:1.3">{code}</pre>'
@@ -142,17 +137,13 @@ class Quality(Result):
     """Quality of a record: rate, gaps, noise, coherence, resonance, and what speaks against an estimate."""
 
     def __init__(self, found: RecordQuality, notes: Sequence[str]) -> None:
+        super().__init__({**as_json(found), "notes": notes})
         self._found, self._notes = found, notes
 
     @property
     def doubts(self) -> list[str]:
         """What speaks against an estimate from the record, a sentence each; empty if nothing does."""
-        return list(self._found.doubts)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``check --json`` writes."""
-        found: dict[str, Any] = as_json(self._found) | {"notes": list(self._notes)}
-        return found
+        return list(self._data["doubts"])
 
     def _print(self, console: Console) -> None:
         from spool_report.runs.record_quality import print_quality  # noqa: PLC0415
@@ -165,28 +156,36 @@ class Quality(Result):
         return quality_page(self._found, self._notes)
 
 
-class Fit(Result):
-    """Parameters of one model, fitted to records."""
-
-    def __init__(self, validated: ValidatedFit) -> None:
-        self._validated = validated
+class _Fitted(Result):
+    """Result of a fit."""
 
     @property
     def parameters(self) -> dict[str, dict[str, Any]]:
         """Value, standard deviation and unit by name: ``{"coulomb_force": {"value":, "std":, "unit":}}``."""
-        found: dict[str, dict[str, Any]] = self.to_dict()["parameters"]
-        return found
+        return dict(self._data["parameters"])
 
     @property
     def determined(self) -> dict[str, dict[str, Any]]:
         """Judgement of what the records determine of each parameter: ``verdict``, ``sentence`` and more."""
-        found: dict[str, dict[str, Any]] = self.to_dict()["determined"]
-        return found
+        return dict(self._data["determined"])
 
     @property
     def reason(self) -> str | None:
         """Why there is no result, ``None`` if there is one."""
-        return self._validated.fit.reason
+        return None if (reason := self._data["reason"]) is None else str(reason)
+
+    def _need_result(self, what: str) -> None:
+        """Refuse ``what`` where there is no result."""
+        if self.reason is not None:
+            raise InputError(f"{what}: {self.reason}")
+
+
+class Fit(_Fitted):
+    """Parameters of one model, fitted to records."""
+
+    def __init__(self, validated: ValidatedFit) -> None:
+        super().__init__(fit_tables.to_dictionary(validated))
+        self._validated = validated
 
     @property
     def nrmse(self) -> float:
@@ -196,12 +195,6 @@ class Fit(Result):
         """
         held_out = self._validated.held_out
         return self._validated.training_error if held_out is None else held_out.nrmse
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``fit --json`` writes."""
-
-        found: dict[str, Any] = as_json(fit_tables.to_dictionary(self._validated))
-        return found
 
     @one_error
     def to_frame(self) -> pd.DataFrame:
@@ -222,8 +215,7 @@ class Fit(Result):
             InputError: the fit has no result.
         """
         found = self._validated.fit
-        if found.reason is not None:
-            raise InputError(f"{found.model.name}: no result to plot: {found.reason}")
+        self._need_result(f"{found.model.name}: no result to plot")
         with keeping_backend():
             from spool_report import fit_curves, fit_page  # noqa: PLC0415
 
@@ -240,55 +232,38 @@ class Fit(Result):
         Raises:
             InputError: the fit has no result, or the file exists or cannot be written.
         """
-        if self.reason is not None:
-            raise InputError(f"{path}: no model to save: {self.reason}")
-
+        self._need_result(f"{path}: no model to save")
         save_fit(Path(path), self._validated)
 
     def _print(self, console: Console) -> None:
-
         if self.reason is not None:
             console.print(f"no result: {self.reason}", markup=False, highlight=False, soft_wrap=True)
             return
         fit_tables.print_fit(self._validated, console)
 
     def _page(self) -> str:
-        if self.reason is not None:
-            raise InputError(f"no result to save as a page: {self.reason}")
-        with keeping_backend():
-            from spool_report.fit_page import fit_page  # noqa: PLC0415
+        self._need_result("no result to save as a page")
+        from spool_report.fit_page import fit_page  # noqa: PLC0415
 
-            return fit_page(self._validated)
+        return fit_page(self._validated)
 
 
-class SetUpsFit(Result):
-    """Parameters of one model, fitted to several set-ups of one valve together."""
+class SetUpsFit(_Fitted):
+    """Parameters of one model, fitted to several set-ups of one valve together.
+
+    ``spring_stiffness[soft, loaded]`` is the parameter of these two; ``determined`` judges all together.
+    """
 
     def __init__(self, found: FittedSetUps) -> None:
+        from spool_design.setups import to_dictionary  # noqa: PLC0415 - an add-on
+
+        super().__init__(to_dictionary(found))
         self._found = found
-
-    @property
-    def parameters(self) -> dict[str, dict[str, Any]]:
-        """Value, standard deviation and unit by name; ``spring_stiffness[soft, loaded]`` is of these two."""
-        found: dict[str, dict[str, Any]] = self.to_dict()["parameters"]
-        return found
-
-    @property
-    def determined(self) -> dict[str, dict[str, Any]]:
-        """Judgement of what all set-ups together determine of each parameter."""
-        found: dict[str, dict[str, Any]] = self.to_dict()["determined"]
-        return found
 
     @property
     def alone(self) -> dict[str, dict[str, dict[str, Any]]]:
         """Judgement of what each set-up by itself determines, by its name."""
-        found: dict[str, dict[str, dict[str, Any]]] = self.to_dict()["alone"]
-        return found
-
-    @property
-    def reason(self) -> str | None:
-        """Why there is no result, ``None`` if there is one."""
-        return self._found.joint.reason
+        return dict(self._data["alone"])
 
     @property
     def fits(self) -> dict[str, Fit]:
@@ -296,31 +271,23 @@ class SetUpsFit(Result):
         pairs = zip(self._found.setups, self._found.validated, strict=False)
         return {setup.name: Fit(one) for setup, one in pairs}
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``fit --setups --json`` writes."""
-        from spool_design.setups import to_dictionary  # noqa: PLC0415 - an add-on
-
-        found: dict[str, Any] = as_json(to_dictionary(self._found))
-        return found
-
     def _print(self, console: Console) -> None:
         from spool_design.setups import print_setups  # noqa: PLC0415 - an add-on
 
         print_setups(self._found, console)
 
     def _page(self) -> str:
-        if self.reason is not None:
-            raise InputError(f"no result to save as a page: {self.reason}")
-        with keeping_backend():
-            from spool_design.setups_page import setups_page  # noqa: PLC0415
+        self._need_result("no result to save as a page")
+        from spool_design.setups_page import setups_page  # noqa: PLC0415
 
-            return setups_page(self._found)
+        return setups_page(self._found)
 
 
 class Comparison(Result):
     """Models side by side on records, best first."""
 
     def __init__(self, series: Sequence[FittedSeries], ranking: Ranking) -> None:
+        super().__init__(fit_tables.comparison_dictionary(series, ranking))
         self._series, self._ranking = series, ranking
 
     @property
@@ -333,12 +300,6 @@ class Comparison(Result):
         """Fit of each model to the first series of records, by the model's name."""
         return {one.name: Fit(one) for one in self._series[0].validated}
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``compare --json`` writes."""
-
-        found: dict[str, Any] = as_json(fit_tables.comparison_dictionary(self._series, self._ranking))
-        return found
-
     @one_error
     def to_frame(self) -> pd.DataFrame:
         """Return the ranking as a pandas table, a row for each model, best first.
@@ -348,47 +309,43 @@ class Comparison(Result):
         """
         import pandas as pd  # noqa: PLC0415 - an extra
 
-        rows = [{**row, "error": row["error"]["value"]} for row in self.to_dict()["ranking"]]
+        rows = [{**row, "error": row["error"]["value"]} for row in self._data["ranking"]]
         return pd.DataFrame(rows).set_index("model")
 
     def _print(self, console: Console) -> None:
-
         fit_tables.print_comparison(self._series, self._ranking, console)
 
     def _page(self) -> str:
         if self.preferred is None:
             raise InputError("no model has a result to save as a page: see summary()")
-        with keeping_backend():
-            from spool_report.fit_page import compare_page  # noqa: PLC0415
+        from spool_report.fit_page import compare_page  # noqa: PLC0415
 
-            return compare_page(self._series, self._ranking)
+        return compare_page(self._series, self._ranking)
 
 
 class Gap(Result):
     """What a model lacks: the effects that were found, and the error before and after."""
 
-    def __init__(self, found: Mapping[str, Any], text: str, page: str, model: str, refused: str = "") -> None:
-        self._found, self._text, self._html, self._model = found, text, page, model
-        self._refused = refused
+    def __init__(self, found: FoundGap, made_from: Sequence[tuple[str, str]]) -> None:
+        from spool_gap.report import result_to_dict  # noqa: PLC0415 - slow to load
+
+        super().__init__(result_to_dict(found.result))
+        self._found, self._made_from = found, made_from
 
     @property
     def verdict(self) -> str:
         """Effects that were found, joined by ``+``; ``none`` or ``unexplained``."""
-        return str(self._found["verdict"])
+        return str(self._data["verdict"])
 
     @property
     def effects(self) -> list[dict[str, Any]]:
         """The effects with their parameters, errors before and after, meaning, and what to check."""
-        return list(self._found["effects"])
+        return list(self._data["effects"])
 
     @property
     def confidence(self) -> float:
         """Probability that the verdict is right, 0 to 1."""
-        return float(self._found["confidence"])
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``gap --json`` writes."""
-        return dict(self._found)
+        return float(self._data["confidence"])
 
     @one_error
     def save_model(self, path: str | Path) -> None:
@@ -397,40 +354,44 @@ class Gap(Result):
         Raises:
             InputError: the file exists or cannot be written, or no model file may state what was found.
         """
+        from spool_report.runs.gap_run import save_found  # noqa: PLC0415
 
-        if self._refused:
-            raise InputError(f"save_model {path}: {self._refused}")
-        write_file(Path(path), self._model, "save_model")
+        save_found(Path(path), self._found.result)
 
     def _print(self, console: Console) -> None:
-        console.print(self._text, markup=False, highlight=False, soft_wrap=True)
+        from spool_report.runs import gap_run  # noqa: PLC0415
+
+        result = self._found.result
+        gap_run.print_determined(result.determinations, console)
+        for warning in result.warnings:
+            warn(warning, console)
+        gap_run.show(result, console)
 
     def _page(self) -> str:
-        return self._html
+        from spool_report.runs.gap_run import page_of  # noqa: PLC0415
+
+        return page_of(self._found, self._made_from)
 
 
 class Replay(Result):
     """Estimates and events of the live estimator and monitor over a record."""
 
     def __init__(self, found: Mapping[str, Any], page: str) -> None:
-        self._found, self._html = found, page
+        super().__init__(found)
+        self._html = page
 
     @property
     def events(self) -> list[dict[str, Any]]:
         """Events of all valves, each with the valve's name as ``valve``, in order of time."""
         every = [
-            {"valve": name, **event} for name, one in self._found["valves"].items() for event in one["events"]
+            {"valve": name, **event} for name, one in self._data["valves"].items() for event in one["events"]
         ]
         return sorted(every, key=lambda event: float(event["t_s"]))
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``replay --json`` writes."""
-        return dict(self._found)
 
     def _print(self, console: Console) -> None:
         from spool_report.runs.record_replay import print_replay  # noqa: PLC0415
 
-        print_replay(self._found, console)
+        print_replay(self._data, console)
 
     def _page(self) -> str:
         if not self._html:
@@ -442,22 +403,18 @@ class WhatIf(Result):
     """Response of a valve under changed conditions, beside that of today."""
 
     def __init__(self, found: Prediction) -> None:
+        super().__init__(found)
         self._found = found
 
     @property
     def before(self) -> dict[str, Any]:
         """Response today: lists over ``frequency_Hz``, ``resonances`` and what to ``avoid``."""
-        return dict(self.to_dict()["before"])
+        return dict(self._data["before"])
 
     @property
     def after(self) -> dict[str, Any]:
         """Response after the change, as ``before``."""
-        return dict(self.to_dict()["after"])
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return what ``what-if --json`` writes."""
-        found: dict[str, Any] = as_json(self._found)
-        return found
+        return dict(self._data["after"])
 
     @one_error
     def plot(self) -> Picture:
@@ -473,7 +430,6 @@ class WhatIf(Result):
         print_what_if(self._found, console)
 
     def _page(self) -> str:
-        with keeping_backend():
-            from spool_design.what_if_page import what_if_page  # noqa: PLC0415
+        from spool_design.what_if_page import what_if_page  # noqa: PLC0415
 
-            return what_if_page(self._found)
+        return what_if_page(self._found)

@@ -79,6 +79,16 @@ def replace_existing(wanted: bool) -> bool:
     return wanted
 
 
+@contextlib.contextmanager
+def replacing(wanted: bool) -> Iterator[None]:
+    """Replace existing files inside, where ``wanted``."""
+    token = _force.set(wanted)
+    try:
+        yield
+    finally:
+        _force.reset(token)
+
+
 def check_output(path: Path | None, option: str) -> Path | None:
     """Return ``path`` if a file can be written there, so that no long work is done in vain.
 

@@ -31,42 +31,73 @@ from spool_sim.valve import Valve
 DOUBTED_CONFIDENCE = 0.5
 
 
-def run_gap(
-    request: GapRequest, selection: Selection, outputs: ResultFiles, console: Console | None = None
-) -> int:
-    """Find what the base lacks in the records and show it; return 0, whatever the verdict.
+@dataclass(frozen=True, slots=True)
+class FoundGap:
+    """Result of an analysis, its base, the valve if one is described, and all stretches of the records."""
 
-    ``console`` gets text and warnings; default: standard output and standard error.
+    result: GapResult
+    base: Model
+    valve: Valve | None
+    measured: Sequence[Any]
+
+
+def run_gap(request: GapRequest, selection: Selection, outputs: ResultFiles) -> int:
+    """Find what the base lacks in the records and show it; return 0, whatever the verdict.
 
     Raises:
         InputError: records, valve or model cannot be used, or, after all else, the model cannot be saved.
     """
-    model, of_forces = load_model(request.base), request.kind != "accelerations"
-    settings = GapSettings(
-        request.gain_tolerance, request.delay_tolerance, least_share=request.least_share,
-        thorough=request.thorough, profiles=request.profiles,
-    )  # fmt: skip
-    find = from_add_on("spool_rigs", "gap") if of_forces else partial(_of_accelerations, console)
-    with progress("looking for the gap", 1.0, steady=False) as advance:
-        result, valve, measured = find(request, selection, model, settings, Shares(advance).tell)
+    found = find_gap(request, selection, print_determined)
     # Files first: who reads only the first lines of what is shown (`| head`) has them all the same.
-    made_from = sources([*request.records, *request.holdout], valve) if outputs.report else []
-    written = _write(result, outputs, made_from, model, valve, measured)
+    written = []
+    if outputs.json is not None:
+        write_json(outputs.json, report.result_to_dict(found.result))
+    if outputs.report is not None:
+        made_from = sources([*request.records, *request.holdout], found.valve)
+        write_file(outputs.report, page_of(found, made_from), "--report")
+        written.append(f"{outputs.report}: the report")
     refused: InputError | None = None
     try:
-        written += _write_model(result, outputs.model)
+        if outputs.model is not None:
+            save_found(outputs.model, found.result)
+            written.append(f"{outputs.model}: model with the named effects")
     except InputError as error:
         refused = error
-    if of_forces:
-        _print_determined(result.determinations, console)
-    for warning in result.warnings:
-        warn(warning, console)
-    show(result, console or wide_console(140))
+    if found.result.kind != "accelerations":
+        print_determined(found.result.determinations)
+    for warning in found.result.warnings:
+        warn(warning)
+    show(found.result, wide_console(140))
     for line in written:
         print(line)
     if refused is not None:
         raise refused
     return 0
+
+
+def find_gap(
+    request: GapRequest,
+    selection: Selection,
+    tell: Callable[[Sequence[Determination]], None] = lambda _determined: None,
+) -> FoundGap:
+    """Return what the base lacks in the records.
+
+    ``tell`` takes what records of accelerometers determine, before the search; for records of forces that
+    follows from the result.
+
+    Raises:
+        InputError: records, valve or model cannot be used.
+    """
+    model = load_model(request.base)
+    settings = GapSettings(
+        request.gain_tolerance, request.delay_tolerance, least_share=request.least_share,
+        thorough=request.thorough, profiles=request.profiles,
+    )  # fmt: skip
+    of_accelerations = request.kind == "accelerations"
+    find = partial(_of_accelerations, tell) if of_accelerations else from_add_on("spool_rigs", "gap")
+    with progress("looking for the gap", 1.0, steady=False) as advance:
+        result, valve, measured = find(request, selection, model, settings, Shares(advance).tell)
+    return FoundGap(result, model, valve, measured)
 
 
 @dataclass(slots=True)
@@ -83,12 +114,12 @@ class Shares:
 
 
 def _of_accelerations(
-    console: Console | None,
+    tell: Callable[[Sequence[Determination]], None],
     request: GapRequest,
     selection: Selection,
     model: Model,
     settings: GapSettings,
-    tell: Progress,
+    advance: Progress,
 ) -> tuple[GapResult, Valve, list[Record]]:
     """Return what ``model`` lacks in records of two accelerometers, their valve, and all of them."""
     bounded = replace(selection, longest=LARGEST)
@@ -101,56 +132,41 @@ def _of_accelerations(
     fitted, others = record_loading.stretches_of(recordings), record_loading.stretches_of(held)
     doubts = record_loading.channel_doubts([*recordings, *held])
     determined = determined_before(fitted, model, described)
-    _print_determined(determined, console)
-    result = analyse(fitted, described, model, holdout=others, settings=settings, progress=tell)
+    tell(determined)
+    result = analyse(fitted, described, model, holdout=others, settings=settings, progress=advance)
     result = replace(result, warnings=(*doubts, *result.warnings), determinations=determined)
     return doubted(result, check_records(described, fitted)), described, [*fitted, *others]
 
 
-def _print_determined(found: Sequence[Determination], console: Console | None) -> None:
+def print_determined(found: Sequence[Determination], console: Console | None = None) -> None:
+    """Print what records determine, by default on standard output."""
     for line in sentences(found):
         (console or wide_console(140)).print(line, markup=False, soft_wrap=True, highlight=False)
 
 
-def _write(
-    result: GapResult,
-    outputs: ResultFiles,
-    made_from: Sequence[tuple[str, str]],
-    base: Model,
-    valve: Valve | None,
-    measured: Sequence[Any],
-) -> list[str]:
-    """Write the files that are wanted; return a line about each that people look for."""
-    written = []
-    if outputs.json is not None:
-        write_json(outputs.json, report.result_to_dict(result))
-    if outputs.report is not None:
-        # Matplotlib is needed here only.
-        from spool_report.evidence.collection import gap_exhibits  # noqa: PLC0415
-        from spool_report.gap_page import gap_page  # noqa: PLC0415
+def page_of(found: FoundGap, made_from: Sequence[tuple[str, str]]) -> str:
+    """Return the page with pictures and tables; ``made_from``: :func:`spool_report.outputs.sources`."""
+    # Matplotlib is needed here only.
+    from spool_report.evidence.collection import gap_exhibits  # noqa: PLC0415
+    from spool_report.gap_page import gap_page  # noqa: PLC0415
 
-        if result.kind == "accelerations" and valve is not None:
-            evidence = gap_exhibits(result, base, valve, measured)
-        else:
-            evidence = from_add_on("spool_rigs", "exhibits")(measured, result.curves)
-        write_file(outputs.report, gap_page(result, made_from, evidence), "--report")
-        written.append(f"{outputs.report}: the report")
-    return written
+    if found.result.kind == "accelerations" and found.valve is not None:
+        evidence = gap_exhibits(found.result, found.base, found.valve, found.measured)
+    else:
+        evidence = from_add_on("spool_rigs", "exhibits")(found.measured, found.result.curves)
+    return gap_page(found.result, made_from, evidence)
 
 
-def _write_model(result: GapResult, path: Path | None) -> list[str]:
-    """Write the model of ``result`` if wanted; return a line about it.
+def save_found(path: Path, result: GapResult) -> None:
+    """Write the base with what was found as a model file.
 
     Raises:
         InputError: the file cannot be written, or a reader would refuse it.
     """
-    if path is None:
-        return []
     found = f"{result.base_model} with the findings of the gap analysis of {result.record}: {result.verdict}"
     name = f"{result.model.name[:LONGEST_NAME]}_gap"
     correlated = (result.correlated, result.correlation)
     save_model(path, result.model, name, result.model.values, result.parameters, found, correlated)
-    return [f"{path}: model with the named effects"]
 
 
 def doubted(result: GapResult, doubts: Sequence[str]) -> GapResult:
