@@ -36,7 +36,8 @@ from spool_report.runs.record_replay import SHIPPED, ReplaySettings, replay_valv
 from spool_sim.model import load_model
 from spool_sim.valve import Valve
 
-from spool_fleet.parquet import REFERENCE, REFERRED, Rows
+from spool_fleet.manifest import Rows
+from spool_fleet.parquet import REFERENCE, REFERRED
 
 #: Models that are fitted, and that something may be missing from.
 FITTED, BASE = "coulomb", "fluid"

@@ -21,8 +21,8 @@ from spool_core.system import end_with_parent, limit_processors
 from spool_core.text import printable
 from spool_core.uncertainty import as_json
 
-from spool_fleet.manifest import Manifest, StoredResult
-from spool_fleet.parquet import Rows, bring_up_to_date
+from spool_fleet.manifest import Manifest, Outcome
+from spool_fleet.parquet import bring_up_to_date
 
 if TYPE_CHECKING:
     from spool_report.runs.record_replay import ReplaySettings
@@ -95,10 +95,7 @@ def run_tasks(
     result = RunResult()
     for done in pool.run(run_task, tasks):
         outcomes = done.found if done.found is not None else failed(done.item, done.reason)
-        stored = (
-            (one.namespace, StoredResult(one.analysis, one.status, one.reason, one.rows)) for one in outcomes
-        )
-        manifest.keep(done.item.path, keys, stored)
+        manifest.keep(done.item.path, keys, outcomes)
         result.bags += 1
         result.analyses += len(outcomes)
         result.failed += [
@@ -123,17 +120,6 @@ class Task:
     work: tuple[tuple[str, tuple[str, ...]], ...]
     valve_file: str | None = None
     settings: Mapping[str, ReplaySettings | None] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """Outcome of one analysis of one valve: its rows, or why there are none."""
-
-    namespace: str
-    analysis: str
-    status: str
-    reason: str
-    rows: Rows
 
 
 def run_task(task: Task) -> list[Outcome]:

@@ -6,10 +6,9 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from rich.table import Table
 from spool_report.outputs import write_json
 from spool_report.requests import ParamsFile
-from spool_report.terminal import cell, warn, wide_console
+from spool_report.terminal import Table, warn, wide_console
 from spool_tools import command as cli
 
 fleet = typer.Typer(
@@ -196,15 +195,11 @@ def _show(rows: list[dict[str, Any]]) -> None:
     if not rows:
         console.print("nothing found")
         return
-    table = Table(*rows[0], box=None, pad_edge=False)
-    for row in rows:
-        table.add_row(
-            *(
-                cell(f"{value:.5g}" if isinstance(value, float) else "" if value is None else value)
-                for value in row.values()
-            )
-        )
-    console.print(table)
+    cells = [
+        [f"{one:.5g}" if isinstance(one, float) else "" if one is None else one for one in row.values()]
+        for row in rows
+    ]
+    Table(list(rows[0]), cells).show(console)
 
 
 COMMAND = cli.Command(fleet, place=400, line="many bags of many valves: catalogue, analyses, questions, page")

@@ -14,11 +14,13 @@ from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import astuple, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from spool_core.errors import InputError
 
 FILE_NAME = "manifest.sqlite"
+#: Rows by table, without the columns of the record.
+Rows: TypeAlias = dict[str, list[list[Any]]]
 #: Format of the file; 1, in which only the tables had the rows, is taken over, another one is refused.
 FORMAT, OLDER = 2, 1
 #: s.
@@ -81,13 +83,14 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class StoredResult:
-    """Result of one analysis of one record; ``rows`` by table."""
+class Outcome:
+    """Outcome of one analysis of one valve's record: its rows, or why there are none."""
 
+    namespace: str
     analysis: str
     status: str
     reason: str
-    rows: dict[str, list[list[Any]]]
+    rows: Rows
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,18 +210,18 @@ class Manifest:
                 found.setdefault(path, {})[namespace] = missing
         return found
 
-    def keep(self, path: str, keys: Mapping[str, str], results: Iterable[tuple[str, StoredResult]]) -> None:
-        """Keep results of the bag at ``path``, each with its namespace and key, in one transaction."""
+    def keep(self, path: str, keys: Mapping[str, str], results: Iterable[Outcome]) -> None:
+        """Keep results of the bag at ``path``, each with the key of its analysis, in one transaction."""
         with self.transaction():
-            for namespace, one in results:
+            for one in results:
                 self._db.execute(
                     "INSERT OR REPLACE INTO results VALUES (?,?,?,?,?,?,?)",
-                    (path, namespace, one.analysis, keys[one.analysis], one.status, one.reason,
+                    (path, one.namespace, one.analysis, keys[one.analysis], one.status, one.reason,
                      _packed(one.rows)),
                 )  # fmt: skip
             self._outdate(path)
 
-    def results(self, path: str, namespace: str) -> list[StoredResult]:
+    def results(self, path: str, namespace: str) -> list[Outcome]:
         """Return the results of one record by name of the analysis."""
         rows = self._db.execute(
             "SELECT analysis, status, reason, rows FROM results WHERE path = ? AND namespace = ? "
@@ -226,7 +229,7 @@ class Manifest:
             (path, namespace),
         ).fetchall()
         return [
-            StoredResult(name, status, reason, json.loads(zlib.decompress(packed)))
+            Outcome(namespace, name, status, reason, json.loads(zlib.decompress(packed)))
             for name, status, reason, packed in rows
         ]
 

@@ -9,17 +9,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 from spool_core.system import staged
 
-from spool_fleet.manifest import Entry, Manifest, StoredResult
+from spool_fleet.manifest import Entry, Manifest, Outcome
 
 FOLDER = "tables"
-#: Rows by table, without the columns of the record.
-Rows: TypeAlias = dict[str, list[list[Any]]]
 #: deg C to which viscous coefficients of different records are referred: that of ISO 3448's grades.
 REFERENCE = 40.0
 REFERRED = "viscous_coefficient_at_40C"
@@ -141,7 +139,7 @@ def _writer(store: Path, table: str, part: str) -> Iterator[pq.ParquetWriter]:
         yield writer
 
 
-def _rows(table: str, entry: Entry, results: Sequence[StoredResult]) -> list[list[Any]]:
+def _rows(table: str, entry: Entry, results: Sequence[Outcome]) -> list[list[Any]]:
     """Return the rows of ``entry`` in ``table``, in the order of the analyses."""
     record = [entry.path, entry.machine, entry.valve, entry.start // 1000]
     if table == "bags":

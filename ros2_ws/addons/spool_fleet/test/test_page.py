@@ -17,7 +17,7 @@ import pytest
 from spool_fleet.content import PageContent, page_content, write_reports
 from spool_fleet.fleet_page import fleet_page
 from spool_fleet.judgement import write_trends
-from spool_fleet.manifest import Entry, Manifest, Service, StoredResult
+from spool_fleet.manifest import Entry, Manifest, Outcome, Service
 from spool_fleet.parquet import bring_up_to_date
 
 AXE = Path(__file__).parents[3] / "src" / "spool_view" / "test" / "web" / "vendor" / "axe.min.js.gz"
@@ -84,9 +84,7 @@ class Fabricated:
                 f"shakes at 15.2 Hz, amplified 4.2 times {EVIL}",
             ]
             found = {"parameters": rows, "events": [raised] * events}
-            self.manifest.keep(
-                path, {"monitor": "k"}, [("valve_1", StoredResult("monitor", "ok", "", found))]
-            )
+            self.manifest.keep(path, {"monitor": "k"}, [Outcome("valve_1", "monitor", "ok", "", found)])
         return path
 
     def valve(self, machine: str, valve: str, weeks: range = range(WEEKS), **rates: float) -> None:

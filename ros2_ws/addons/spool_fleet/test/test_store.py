@@ -16,9 +16,9 @@ from spool_core.errors import InputError
 from spool_fleet import execution, parquet
 from spool_fleet.analyses import ANALYSES, chosen
 from spool_fleet.execution import Done, ProcessPool, Task, run_task
-from spool_fleet.manifest import Manifest
+from spool_fleet.manifest import Manifest, Rows
 from spool_fleet.operations import add_service, add_to_store, answer, run_over_store
-from spool_fleet.parquet import RECORD_TABLES, REFERRED, Rows, rows_in_tables
+from spool_fleet.parquet import RECORD_TABLES, REFERRED, rows_in_tables
 from spool_report.outputs import suite_version, write_json
 
 PATTERN = "{machine}/{date}/{valve}"
