@@ -26,7 +26,6 @@ from spool_fleet.comparison import MONTH
 from spool_fleet.courses import (
     NAMES,
     Course,
-    TrendRow,
     courses_of,
     day_of,
     services_told,
@@ -34,7 +33,7 @@ from spool_fleet.courses import (
     temperatures,
     trend_rows,
 )
-from spool_fleet.judgement import CHANGED, LEARNING, MACHINE, UNKNOWN
+from spool_fleet.judgement import CHANGED, LEARNING, MACHINE, UNKNOWN, Trend
 from spool_fleet.manifest import DAY, FILE_NAME, Manifest, Service
 from spool_fleet.observations import COULOMB, STIFFNESS, VISCOUS, observed_valves
 from spool_fleet.parquet import REFERRED
@@ -161,7 +160,7 @@ class ValveContent:
     valve: str
     anchor: str
     light: Light
-    trends: tuple[TrendRow, ...]
+    trends: tuple[Trend, ...]
     courses: dict[str, Course]
     temperature: tuple[NDArray[np.float64], NDArray[np.float64]] | None
     records: Records
@@ -185,7 +184,7 @@ class ValveContent:
         return self.light in CONSPICUOUS
 
     @property
-    def open_questions(self) -> list[TrendRow]:
+    def open_questions(self) -> list[Trend]:
         """Trends that cannot be judged, or not yet."""
         return [one for one in self.trends if one.state in (LEARNING, UNKNOWN)]
 
@@ -349,7 +348,7 @@ class Change:
     """Change of one valve, or of several of a machine together, of which ``trend`` is the middle one."""
 
     valves: tuple[ValveContent, ...]
-    trend: TrendRow
+    trend: Trend
 
     @property
     def noticed(self) -> float:
@@ -371,7 +370,7 @@ def news_of(content: PageContent) -> News:
     """Return what the last month brought."""
     since = content.month_ago
     single: list[Change] = []
-    shared: dict[tuple[str, str], list[tuple[ValveContent, TrendRow]]] = {}
+    shared: dict[tuple[str, str], list[tuple[ValveContent, Trend]]] = {}
     for valve in content.valves:
         for trend in valve.trends:
             if trend.state == MACHINE:
@@ -454,7 +453,7 @@ def report_name(valve: str, bag: str, start: datetime) -> str:
     return f"{plain or 'valve'}_{start:%Y-%m-%d}_{hashlib.sha256(bag.encode()).hexdigest()[:8]}.html"
 
 
-def light_of(trends: Sequence[TrendRow], silent: bool) -> Light:
+def light_of(trends: Sequence[Trend], silent: bool) -> Light:
     """Return the light of a valve with ``trends``; without any it is unknown."""
     states = {one.state for one in trends}
     if any(one.state == CHANGED and urgent(one) for one in trends):
@@ -469,9 +468,10 @@ def light_of(trends: Sequence[TrendRow], silent: bool) -> Light:
     return GOOD if states else NOT_KNOWN
 
 
-def urgent(trend: TrendRow) -> bool:
+def urgent(trend: Trend) -> bool:
     """Return whether a change is past the monitor's limit or may soon be."""
-    soonest = trend.months_earliest if math.isfinite(trend.months_earliest) else trend.months_to_threshold
+    expected, earliest, _ = trend.months_left()
+    soonest = earliest if math.isfinite(earliest) else expected
     return trend.share_of_limit >= 1.0 or soonest <= SOON
 
 
@@ -480,7 +480,7 @@ def patience(pause: float) -> float:
     return max(PAUSES * pause, LEAST_SILENCE)
 
 
-def change_sentence(trend: TrendRow) -> str:
+def change_sentence(trend: Trend) -> str:
     """Return what changed, by how much (95 % interval), since when and how fast."""
     verb = "rose" if trend.change > 0.0 else "fell"
     size = interval(100.0 * abs(trend.change), 100.0 * trend.change_std)
@@ -491,43 +491,42 @@ def change_sentence(trend: TrendRow) -> str:
     return text
 
 
-def limit_sentence(trend: TrendRow) -> str:
+def limit_sentence(trend: Trend) -> str:
     """Return how near the monitor's limit is, and when it is reached."""
     limit = f"the limit of the running valve's monitor ({percent(trend.threshold)})"
     if trend.share_of_limit >= 1.0:
         return f"past {limit}"
-    if math.isnan(trend.months_to_threshold):
+    if math.isnan(trend.months_left()[0]):
         return f"{percent(trend.share_of_limit)} of the way to {limit}; it does not grow"
     return f"at {limit} in {time_left(trend)}"
 
 
-def time_left(trend: TrendRow) -> str:
+def time_left(trend: Trend) -> str:
     """Return how long until the monitor's limit is reached, with its interval; short times in days."""
     if trend.share_of_limit >= 1.0:
         return "past it"
-    if math.isnan(trend.months_to_threshold):
+    months = trend.months_left()
+    if math.isnan(months[0]):
         return "does not grow"
-    short = trend.months_to_threshold < SHORT
+    short = months[0] < SHORT
 
     def text(months: float) -> str:
         if math.isnan(months):
             return "open"
         return f"{math.ceil(MONTH * months)}" if short else number(months, 2)
 
-    left, earliest, latest = map(
-        text, (trend.months_to_threshold, trend.months_earliest, trend.months_latest)
-    )
+    left, earliest, latest = map(text, months)
     return f"{left} {'days' if short else 'months'} ({earliest} to {latest})"
 
 
-def cause_of(trend: TrendRow) -> EventText:
+def cause_of(trend: Trend) -> EventText:
     """Return the cause as the monitor describes it, with what to do."""
     if trend.parameter == STIFFNESS:
         return ENGLISH.event(spring_change.KIND.cause("softer" if trend.change < 0.0 else "stiffer").code)
     return ENGLISH.event(friction_drift.KIND.cause(trend.cause or "unknown").code)
 
 
-def cause_name(trend: TrendRow) -> str:
+def cause_name(trend: Trend) -> str:
     """Return the cause in words."""
     if trend.parameter == STIFFNESS and trend.state != MACHINE:
         return "a spring that is softer" if trend.change < 0.0 else "springs that are stiffer"

@@ -14,7 +14,7 @@ from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95
 
 from spool_fleet.comparison import LEAST_WEEKS, pooled_slope
-from spool_fleet.judgement import CHANGED, LIMITS, MACHINE, stepping_days
+from spool_fleet.judgement import Trend, stepping_days
 from spool_fleet.manifest import DAY, Service
 from spool_fleet.observations import (
     BIN,
@@ -67,7 +67,7 @@ class Course:
     judged: bool
     levels: tuple[Level, ...]
     limit: float
-    trend: TrendRow
+    trend: Trend
     services: tuple[Service, ...] = field(default=())
 
     @property
@@ -109,10 +109,7 @@ def temperature_slopes(valves: Sequence[ObservedValve], services: Sequence[Servi
 
 
 def courses_of(
-    valve: ObservedValve,
-    trends: Sequence[TrendRow],
-    services: Sequence[Service],
-    slopes: Mapping[bool, float],
+    valve: ObservedValve, trends: Sequence[Trend], services: Sequence[Service], slopes: Mapping[bool, float]
 ) -> dict[str, Course]:
     """Return the course of each parameter of ``valve`` that has a trend; ``slopes`` as above."""
     found = {}
@@ -181,7 +178,7 @@ class Level:
 
 
 def levels_of(
-    day: Array, value: Array, segment: NDArray[np.int64], trend: TrendRow, turns: Sequence[float]
+    day: Array, value: Array, segment: NDArray[np.int64], trend: Trend, turns: Sequence[float]
 ) -> tuple[Level, ...]:
     """Return the baseline until the first service, and the usual value after each until a change begins.
 
@@ -211,67 +208,19 @@ def levels_of(
     return tuple(Level(begin, end, middle, half * middle) for begin, end, middle in found)
 
 
-@dataclass(frozen=True, slots=True)
-class TrendRow:
-    """Row of the table ``trends``; see there."""
-
-    machine: str
-    valve: str
-    parameter: str
-    unit: str
-    bags: int
-    state: str
-    cause: str
-    reason: str
-    latest: float
-    since: float
-    noticed: float
-    baseline: float
-    baseline_std: float
-    change: float
-    change_std: float
-    rate: float
-    rate_std: float
-    threshold: float
-    months_to_threshold: float
-    months_earliest: float
-    months_latest: float
-
-    @property
-    def changed(self) -> bool:
-        """Whether a change was found, of the valve or of its machine."""
-        return self.state in (CHANGED, MACHINE)
-
-    @property
-    def share_of_limit(self) -> float:
-        """Change in shares of that at which the monitor warns; NaN where nothing changed."""
-        return self.change / self.threshold if self.changed else math.nan
-
-    @property
-    def limit(self) -> float:
-        """Relative change at which the monitor warns, without sign; NaN where the baseline is not known."""
-        one = LIMITS[self.parameter]
-        return one.default if one.unit == "1" else one.default / self.baseline
-
-
-def trend_rows(store: Path) -> dict[tuple[str, str], list[TrendRow]]:
+def trend_rows(store: Path) -> dict[tuple[str, str], list[Trend]]:
     """Return the trends by valve, in the order of ``PARAMETERS``."""
-    found: dict[tuple[str, str], list[TrendRow]] = {}
+    found: dict[tuple[str, str], list[Trend]] = {}
     for row in ask(store, "trends").to_pylist():
         if row["parameter"] not in PARAMETERS:
             continue
-        one = TrendRow(
+        known = {name: math.nan if value is None else value for name, value in row.items()}
+        one = Trend(
             row["machine"], row["valve"], row["parameter"], row["unit"] or "", row["bags"] or 0,
-            row["state"], row["cause"] or "", row["reason"] or "",
-            *(day_of(row[name]) for name in ("latest", "since", "noticed")),
-            *(
-                math.nan if row[name] is None else row[name]
-                for name in (
-                    "baseline", "baseline_std", "change", "change_std", "rate_per_month",
-                    "rate_per_month_std", "threshold", "months_to_threshold", "months_earliest",
-                    "months_latest",
-                )
-            ),
+            day_of(row["first"]), day_of(row["latest"]), row["state"], known["baseline"],
+            known["baseline_std"], known["change"], known["change_std"], day_of(row["since"]),
+            day_of(row["noticed"]), known["rate_per_month"], known["rate_per_month_std"],
+            row["cause"] or "", row["reason"] or "",
         )  # fmt: skip
         found.setdefault((one.machine, one.valve), []).append(one)
     for trends in found.values():

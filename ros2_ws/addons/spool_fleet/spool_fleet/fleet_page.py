@@ -36,8 +36,8 @@ from spool_fleet.content import (
     report_name,
     time_left,
 )
-from spool_fleet.courses import NAMES, Course, TrendRow, day_of
-from spool_fleet.judgement import MACHINE
+from spool_fleet.courses import NAMES, Course, day_of
+from spool_fleet.judgement import MACHINE, Trend
 from spool_fleet.observations import BIN, PARAMETERS
 
 #: Changes in the list of the worst, and services in theirs, at most.
@@ -74,7 +74,7 @@ class Worst:
     """Change of a valve in the list of the worst."""
 
     valve: ValveContent
-    trend: TrendRow
+    trend: Trend
 
 
 def fleet_page(content: PageContent, reports: Mapping[str, str]) -> str:

@@ -58,6 +58,7 @@ class Trend:
         baseline, baseline_std: value before any change.
         change, change_std: relative, of what was found, or of what is likeliest where nothing was.
         since: when that began.
+        noticed: when it could be seen first.
         rate, rate_std: relative change per month, where it grows.
         cause: of a change.
         reason: why nothing can be said.
@@ -76,6 +77,7 @@ class Trend:
     change: float = math.nan
     change_std: float = math.nan
     since: float = math.nan
+    noticed: float = math.nan
     rate: float = math.nan
     rate_std: float = math.nan
     cause: str = ""
@@ -87,11 +89,25 @@ class Trend:
         return self.machine, self.valve, self.parameter
 
     @property
+    def changed(self) -> bool:
+        """Whether a change was found, of the valve or of its machine."""
+        return self.state in (CHANGED, MACHINE)
+
+    @property
+    def limit(self) -> float:
+        """Relative change at which the monitor of a running valve warns; NaN without a baseline."""
+        one = LIMITS[self.parameter]
+        return one.default if one.unit == "1" else one.default / self.baseline
+
+    @property
     def threshold(self) -> float:
-        """Relative change at which the monitor of a running valve warns, with the sign of the change."""
-        limit = LIMITS[self.parameter]
-        relative = limit.default if limit.unit == "1" else limit.default / self.baseline
-        return math.copysign(relative, self.change)
+        """``limit`` with the sign of the change."""
+        return math.copysign(self.limit, self.change)
+
+    @property
+    def share_of_limit(self) -> float:
+        """Change in shares of ``threshold``; NaN where nothing changed."""
+        return self.change / self.threshold if self.changed else math.nan
 
     def months_left(self) -> tuple[float, float, float]:
         """Return the months until the threshold is reached: expected, earliest, latest (NaN: none)."""
@@ -117,7 +133,7 @@ def judge(
     latest = min(until, max(days, default=until))
     told = list(services)
     trends = judged_alone(valves, told, latest)
-    if all(one.state not in (CHANGED, MACHINE) for one in trends):
+    if not any(one.changed for one in trends):
         return trends
     return confirmed(trends, judged_alone(valves, told, latest - BIN))
 
@@ -133,11 +149,9 @@ def stepping_days(services: Iterable[Service], valve: ObservedValve, parameter: 
 
 def confirmed(trends: Sequence[Trend], before: Sequence[Trend]) -> list[Trend]:
     """Return ``trends`` with what was not found a week ``before`` as well taken for chance."""
-    known = {one.key for one in before if one.state in (CHANGED, MACHINE)}
+    known = {one.key for one in before if one.changed}
     return [
-        replace(one, state=OK, cause="", reason="")
-        if one.state in (CHANGED, MACHINE) and one.key not in known
-        else one
+        replace(one, state=OK, cause="", reason="") if one.changed and one.key not in known else one
         for one in trends
     ]
 
@@ -166,9 +180,9 @@ def write_trends(store: Path, services: Sequence[Service]) -> list[Trend]:
     write_whole(store, "services", [{**asdict(one), "start": _time(one.day)} for one in services])
     valves = observed_valves(store)
     trends = judge(valves, services)
-    changed = {one.key: one.since for one in trends if one.state in (CHANGED, MACHINE)}
-    noticed = noticed_days(changed, valves, services)
-    write_whole(store, "trends", as_json([_row(one, noticed) for one in trends]))
+    noticed = noticed_days({one.key: one.since for one in trends if one.changed}, valves, services)
+    trends = [replace(one, noticed=noticed.get(one.key, math.nan)) for one in trends]
+    write_whole(store, "trends", as_json([_row(one) for one in trends]))
     return trends
 
 
@@ -285,7 +299,7 @@ def _cause(parameter: str, change: Change, rubs: Change | None) -> str:
 
 def _seen(valves: Sequence[ObservedValve], services: Sequence[Service], day: float) -> set[Key]:
     """Return what the data until ``day`` show, seen once."""
-    return {one.key for one in judged_alone(valves, services, day) if one.state in (CHANGED, MACHINE)}
+    return {one.key for one in judged_alone(valves, services, day) if one.changed}
 
 
 def _sentence(one: Trend) -> str:
@@ -301,18 +315,17 @@ def _sentence(one: Trend) -> str:
     return f"{where}: {size}: {one.cause.replace('_', ' ')}{left}"
 
 
-def _row(one: Trend, noticed: Mapping[Key, float]) -> dict[str, Any]:
+def _row(one: Trend) -> dict[str, Any]:
     expected, earliest, latest = one.months_left()
-    changed = one.state in (CHANGED, MACHINE)
     return {
         "machine": one.machine, "valve": one.valve, "parameter": one.parameter, "unit": one.unit,
         "bags": one.bags, "first": _time(one.first), "latest": _time(one.latest),
         "baseline": one.baseline, "baseline_std": one.baseline_std, "state": one.state,
-        "cause": one.cause or None, "since": _time(one.since) if changed else None,
-        "noticed": _time(noticed.get(one.key, math.nan)),
+        "cause": one.cause or None, "since": _time(one.since) if one.changed else None,
+        "noticed": _time(one.noticed),
         "change": one.change, "change_std": one.change_std,
         "rate_per_month": one.rate, "rate_per_month_std": one.rate_std,
-        "threshold": one.threshold if changed else None,
+        "threshold": one.threshold if one.changed else None,
         "months_to_threshold": expected, "months_earliest": earliest,
         "months_latest": latest, "reason": one.reason or None,
     }  # fmt: skip
