@@ -23,7 +23,7 @@ from spool_report.outputs import replacing
 from spool_report.records import simulation
 from spool_report.records.record_loading import Recording, load_recording
 from spool_report.records.valve_sheet import described, file_text
-from spool_report.requests import ImportRequest, Part, Selection, SimulationSettings
+from spool_report.requests import ImportRequest, Part, Selection, SimulationSettings, TimeSpan
 from spool_sim.valve import Valve, find_valve
 
 from spool.errors import one_error
@@ -442,8 +442,6 @@ def part_of(
     Raises:
         InputError: records were read in different parts.
     """
-    from spool_report.requests import Part, TimeSpan  # noqa: PLC0415 - slow to load
-
     given = Part(name=name, start=float(start), stop=stop, when=TimeSpan(*when))
     found = {each.part for each in records if isinstance(each, Record)}
     if given == Part() and len(found) > 1:
