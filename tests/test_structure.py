@@ -29,13 +29,13 @@ SOURCE = ROOT / "ros2_ws" / "src"
 RESEARCH = {path.parent.name for path in (ROOT / "research").glob("*/__init__.py")}
 #: What was measured. A limit is only lowered: a feature is paid by a removal in the same change.
 RATCHETS = {
-    "lines": 84_399,
-    "lines of code": 53_969,
-    "files": 375,
-    "lines of research": 11_501,
-    "lines up to the last import, %": 8.06,
-    "private functions with one caller, %": 15.65,
-    "modules with one importer, %": 12.90,
+    "lines": 83_653,
+    "lines of code": 53_371,
+    "files": 372,
+    "lines of research": 11_500,
+    "lines up to the last import, %": 8.04,
+    "private functions with one caller, %": 15.32,
+    "modules with one importer, %": 11.89,
 }
 
 
