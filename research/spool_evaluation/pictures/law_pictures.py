@@ -88,7 +88,7 @@ def _draw_over_velocity(axis: Axes, entry: Term, values: dict[str, float]) -> No
 
 def _draw_loop(axis: Axes, entry: Term, values: dict[str, float]) -> None:
     """Draw the hysteresis loop: the force over a to and fro."""
-    reach = OVER_DISPLACEMENT[entry.name]
+    reach = OVER_DISPLACEMENT.get(entry.name, LARGEST_DISPLACEMENT)
     way = reach * np.concatenate((np.linspace(0.0, 1.0, 200), np.linspace(1.0, -1.0, 400)[1:]))
     way = np.concatenate((way, reach * np.linspace(-1.0, 1.0, 400)[1:]))
     axis.plot(1e3 * way, entry.force(way, way, way, values), color=FORCE)
