@@ -26,18 +26,10 @@ def shown(monkeypatch: pytest.MonkeyPatch, *, compiled: bool = False, **how: boo
     with progress("fitting", 8.0, **how) as advance:
         if compiled:
             kernel = KernelCache("no.such.kernel", lambda: "0" * 64)
-            monkeypatch.setattr(kernel, "_file", Nothing)
             assert kernel.load_overload((), Target()) is None
         else:
             advance(6.0)
     return terminal.getvalue()
-
-
-class Nothing:
-    """File in which no kernel is kept."""
-
-    def load(self, _key: object) -> None:
-        return None
 
 
 class Target:
