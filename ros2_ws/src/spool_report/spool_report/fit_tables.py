@@ -159,6 +159,7 @@ def comparison_dictionary(series: Sequence[FittedSeries], ranking: Ranking) -> d
                 "nrmse": entry.training_error,
                 "nrmse_held_out": entry.held_out_error,
                 "reason": entry.reason,
+                "doubt": entry.doubt,
             }
             for entry in ranking.ranks
         ],

@@ -5,13 +5,16 @@ instants those beside a jump of dry friction are left out, the same ones for eve
 which side of the jump they are.
 
 With many samples almost any further term is significant without mattering. So a term must earn its place: of
-the models whose error is about the least, the one with the fewest parameters is preferred.
+the models whose error is about the least, the one with the fewest parameters is preferred. One whose numbers
+make no sense on a machine is not: a law may stand for what else a record holds, as the shape of a logger's
+filter.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Collection, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,6 +25,7 @@ from spool_estimator.identification.fit import fit, free_run_agreement
 from spool_estimator.identification.fit_result import Agreement, Fit, FitSettings
 from spool_estimator.identification.record import Record
 from spool_estimator.identification.residuals import apart
+from spool_gap.catalogue import EFFECTS
 from spool_sim.model import Model
 from spool_sim.observation import INSTANTS
 
@@ -47,18 +51,15 @@ class FittedSeries:
     data: FitData
     validated: tuple[ValidatedFit, ...]
 
-
-@dataclass(frozen=True, slots=True)
-class ResidualSum:
-    """Residual sum of a model away from jumps: sum of squares (m^2/s^4) and number of samples."""
-
-    squares: float
-    samples: int
-
-    @property
-    def rms(self) -> float:
-        """m/s^2, NaN without samples."""
-        return math.sqrt(self.squares / self.samples) if self.samples else math.nan
+    def doubt(self, place: int) -> str:
+        """Return why a model's numbers make no sense on a machine, if a law that it contains is beside it."""
+        found, narrow = self.validated[place].fit, self.validated[place].fit.model.narrower()
+        if narrow is None or not any(one.fit.model.terms == narrow.terms for one in self.validated):
+            return ""
+        known = {one.name: one.standard_deviation for one in found.parameters}
+        deviations = {name: value for name, value in known.items() if math.isfinite(value)}
+        laws = (EFFECTS[one.name] for one in found.model.terms if one.name in EFFECTS)
+        return next(filter(None, (law.sensible(found.values, deviations) for law in laws)), "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,11 +71,12 @@ class Rank:
         parameters: fitted in one series.
         criterion: the fits' information criterion, summed over the series; NaN where one has no result.
         error: residual away from jumps, rms, m/s^2: on held-out data where there are any.
-        excess: ``error`` over the least of all models, less 1.
+        excess: ``error`` over the least of all models that may be preferred, less 1.
         objective: the paper's (33), mean over the series.
         amplitude_ratio: amplitude of the model over the measured one, mean over the series.
         training_error, held_out_error: nrmse with every sample, mean over the series; NaN where not known.
         reason: why there is no result, ``None`` where there is one in every series.
+        doubt: why its numbers make no sense on a machine where a law that it contains is beside it, or "".
     """
 
     model: str
@@ -87,6 +89,7 @@ class Rank:
     training_error: float
     held_out_error: float
     reason: str | None
+    doubt: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,53 +116,56 @@ class Ranking:
 
 def rank(series: Sequence[FittedSeries]) -> Ranking:
     """Return the ranking of models, each fitted to every one of ``series``."""
-    trained = [_errors(one, one.data.fitted) for one in series]
-    unseen = [_errors(one, one.data.held_out) for one in series]
-    held = all(any(error is not None and error.samples for error in errors) for errors in unseen)
-    counted = unseen if held else trained
+    unseen = [_left(one, one.data.held_out) for one in series]
+    held = all(any(row is not None and row.size for row in rows) for rows in unseen)
+    counted = unseen if held else [_left(one, one.data.fitted) for one in series]
     found = []
     for place, first in enumerate(series[0].validated):
         own = [one.validated[place] for one in series]
         reason = next((entry.fit.reason for entry in own if entry.fit.reason is not None), None)
         agreements = [entry.fit.agreement for entry in own]
-        sums = [one for errors in counted if (one := errors[place]) is not None]
-        together = ResidualSum(sum(one.squares for one in sums), sum(one.samples for one in sums))
+        rows = [row for every in counted if (row := every[place]) is not None]
+        together = np.concatenate(rows) if len(rows) == len(counted) else np.empty(0)
         found.append(
             Rank(
                 first.name,
                 len(first.fit.parameters),
                 sum(entry.fit.information_criterion for entry in own),
-                together.rms if len(sums) == len(counted) else math.nan,
+                math.sqrt(float(np.mean(together**2))) if together.size else math.nan,
                 math.nan,
-                _mean([math.nan if entry is None else entry.objective for entry in agreements]),
-                _mean([math.nan if entry is None else entry.amplitude_ratio for entry in agreements]),
-                _mean([entry.training_error for entry in own]),
-                _mean([entry.held_out_error for entry in own]),
+                float(np.mean([math.nan if entry is None else entry.objective for entry in agreements])),
+                float(
+                    np.mean([math.nan if entry is None else entry.amplitude_ratio for entry in agreements])
+                ),
+                float(np.mean([entry.training_error for entry in own])),
+                float(np.mean([entry.held_out_error for entry in own])),
                 reason,
+                "" if reason else next(filter(None, (one.doubt(place) for one in series)), ""),
             )
         )
     noise = max((sensor_noise(one.data.fitted) for one in series), default=math.nan)
-    unsure = {
-        validated.name
-        for one in series
-        for validated in one.validated
-        if validated.fit.reason is None and not validated.fit.converged
-    }
+    fits = [entry.fit for one in series for entry in one.validated]
+    unsure = {one.model.name for one in fits if one.reason is None and not one.converged}
     return ordered(found, noise, unsure)
 
 
 def ordered(found: Sequence[Rank], noise: float = math.nan, unsure: Collection[str] = ()) -> Ranking:
     """Return ``found`` in order, with ``excess`` filled in.
 
+    One whose numbers make no sense is behind those that it would beat.
+
     Args:
         found: in any order.
         noise: rms of the spool's accelerometer at most, m/s^2, NaN where it is not known.
         unsure: names of models whose descent did not converge.
     """
-    least = min((entry.error for entry in found if math.isfinite(entry.error)), default=math.nan)
+    finite = [entry for entry in found if math.isfinite(entry.error)]
+    sensible = [entry for entry in finite if not entry.doubt] or finite
+    least = min((entry.error for entry in sensible), default=math.nan)
     known = [replace(entry, excess=entry.error / least - 1.0) for entry in found]
     lost = [entry for entry in known if math.isnan(entry.excess)]
-    left = [entry for entry in known if not math.isnan(entry.excess)]
+    behind = [entry for entry in known if (1.0 + WORTH) * entry.error < least]
+    left = [entry for entry in known if entry not in behind and not math.isnan(entry.excess)]
     groups: list[list[Rank]] = []
     while left:
         limit = (1.0 + WORTH) * min(entry.error for entry in left)
@@ -168,16 +174,17 @@ def ordered(found: Sequence[Rank], noise: float = math.nan, unsure: Collection[s
         )
         groups.append(alike)
         left = [entry for entry in left if entry.error > limit]
-    ranks = (*(entry for group in groups for entry in group), *lost)
+    ranks = (*(entry for group in groups for entry in group), *behind, *lost)
     if not groups:
         return Ranking(ranks, None, (), ("No model has a result on these data.",))
     equal, worse = groups[0], [entry for group in groups[1:] for entry in group]
-    return Ranking(
-        ranks,
-        ranks[0].model,
-        tuple(entry.model for entry in equal[1:]),
-        _sentences(equal, worse, lost, noise, unsure),
+    odd = (
+        f"{_names(one)} leaves {-100.0 * one.excess:.0f} % less error, but its numbers make no sense on a "
+        f"machine: {one.doubt}."
+        for one in behind
     )
+    said = (*_sentences(equal, worse, lost, noise, unsure), *odd)
+    return Ranking(ranks, ranks[0].model, tuple(entry.model for entry in equal[1:]), said)
 
 
 def residuals(run: Overlay) -> list[Array]:
@@ -267,15 +274,13 @@ def no_worse(data: FitData, fits: Sequence[ValidatedFit], settings: FitSettings)
 
 def validated(data: FitData, found: Fit, settings: FitSettings) -> ValidatedFit:
     """Return a fit with its agreement with what was held out of ``data``."""
-    if found.agreement is None or not data.held_out:
-        return ValidatedFit(data, found, None)
-    try:
-        held_out = free_run_agreement(
-            data.held_out, found.model, data.valve, found.values, sensor=found.sensor,
-            observation=found.observation, run_in=settings.run_in, low_cut=settings.low_cut,
-        )  # fmt: skip
-    except InputError:  # every held-out stretch is shorter than what settling takes
-        return ValidatedFit(data, found, None)
+    held_out = None
+    if found.agreement is not None and data.held_out:
+        with suppress(InputError):  # every held-out stretch is shorter than what settling takes
+            held_out = free_run_agreement(
+                data.held_out, found.model, data.valve, found.values, sensor=found.sensor,
+                observation=found.observation, run_in=settings.run_in, low_cut=settings.low_cut,
+            )  # fmt: skip
     return ValidatedFit(data, found, held_out)
 
 
@@ -315,7 +320,9 @@ def _sentences(
             f"{_names(best)} is preferred: the next different model, {_names(worse[0])}, leaves {more} error."
         )
     else:
-        said.append(f"{_names(best)} is preferred: no other does better, and it has the fewest parameters.")
+        said.append(
+            f"{_names(best)} is preferred: none that makes sense does better; it has the fewest parameters."
+        )
     if larger:
         verb = "fits" if len(larger) == 1 else "fit"
         few, most = (
@@ -352,12 +359,8 @@ def _names(*entries: Rank) -> str:
     return f"{', '.join(others)} and {last}" if others else last
 
 
-def _mean(values: Sequence[float]) -> float:
-    return sum(values) / len(values)
-
-
-def _errors(series: FittedSeries, records: Sequence[Record]) -> list[ResidualSum | None]:
-    """Return what each model leaves over in ``records``, away from the jumps of the one that leaves least."""
+def _left(series: FittedSeries, records: Sequence[Record]) -> list[Array | None]:
+    """Return what each model leaves of ``records``, m/s^2, away from jumps of the one that leaves least."""
     runs: list[Overlay | None] = []
     for validated in series.validated:
         try:
@@ -367,9 +370,8 @@ def _errors(series: FittedSeries, records: Sequence[Record]) -> list[ResidualSum
             runs.append(None)
     kept = away_from_jumps(runs)
     return [
-        None if run is None else ResidualSum(
-            float(sum(np.sum(row[keep] ** 2) for row, keep in zip(residuals(run), kept, strict=True))),
-            int(sum(np.count_nonzero(keep) for keep in kept)),
-        )
+        None if run is None else np.concatenate([
+            row[keep] for row, keep in zip(residuals(run), kept, strict=True)
+        ])
         for run in runs
     ]  # fmt: skip

@@ -12,7 +12,16 @@ from spool_estimator.identification.fit_result import Fit, FitSettings
 from spool_estimator.identification.free_run import USUAL
 from spool_estimator.identification.record import Record
 from spool_report.fit_curves import overlay, sensor_noise
-from spool_report.ranking import WORTH, Rank, away_from_jumps, fit_and_validate, no_worse, ordered
+from spool_report.ranking import (
+    WORTH,
+    FittedSeries,
+    Rank,
+    away_from_jumps,
+    fit_and_validate,
+    no_worse,
+    ordered,
+    rank,
+)
 from spool_report.records.record_loading import load_data, load_recording
 from spool_report.requests import Selection
 from spool_sim.excitation import SteadySine
@@ -45,6 +54,31 @@ def test_a_larger_model_that_is_worth_its_parameters_is_preferred() -> None:
     assert ranking.sentences == (
         "stribeck is preferred: the next different model, coulomb, leaves 5 % more error.",
     )
+
+
+def test_a_law_whose_numbers_make_no_sense_is_behind_those_that_it_would_beat() -> None:
+    odd, mixed = (entry("stribeck", 5, 0.06), entry("mixed", 5, 0.09))
+    odd, mixed = replace(odd, doubt="no excess at rest"), replace(mixed, doubt="no film")
+    ranking = ordered([odd, entry("coulomb", 3, 0.08), mixed])
+    assert [one.model for one in ranking.ranks] == ["coulomb", "mixed", "stribeck"]
+    assert [round(one.excess, 3) for one in ranking.ranks] == [0.0, 0.125, -0.25]
+    assert ranking.preferred == "coulomb"
+    assert ranking.sentences[-1] == (
+        "stribeck leaves 25 % less error, but its numbers make no sense on a machine: no excess at rest."
+    )
+    assert ordered([odd, mixed]).preferred == "stribeck"
+
+
+def test_the_friction_of_a_record_behind_a_logger_s_filter_is_not_said_to_fall_with_speed() -> None:
+    """Stribeck's law with less force at rest than at speed imitates what the filter's shape leaves."""
+    data = load_data([BAGS / "practice_03"], "4weh10_soft", Selection(stop=15.0))
+    fits = tuple(
+        fit_and_validate(data, load_model(name), FitSettings(fit_gain=True, fit_delay=True))
+        for name in ("coulomb", "stribeck")
+    )
+    ranking = rank([FittedSeries(data, fits)])
+    assert ranking.preferred == "coulomb"
+    assert "stribeck leaves" in ranking.sentences[-1]
 
 
 def test_twins_are_not_distinguished() -> None:

@@ -120,6 +120,7 @@ class Place(Strict):
     nrmse: float | None
     nrmse_held_out: float | None
     reason: str | None
+    doubt: str
 
 
 class OneSeries(Strict):

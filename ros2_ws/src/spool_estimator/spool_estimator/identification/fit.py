@@ -378,7 +378,8 @@ def _widened(
     trial, (best, *_) = _first_ends(fewer, [point], seen, 1)
     found = {one.name: float(value) for one, value in zip(trial.unknowns, best.point, strict=True)}
     narrowed = {name: found.get(name, value) for name, value in values.items()}
-    read = smoothly(trial.observation)
+    # Readings at instants hardly move with the numbers.
+    read = Observation(MEAN) if trial.observation.kind == INSTANTS else trial.observation
     start = {**found, **(some.run.model.values_as(narrow, narrowed, valve) or {})}
     point = inside(np.array([start[one.name] for one in unknowns]), unknowns)
     left = [one.name not in found and start[one.name] == some.values[one.name] for one in unknowns]
@@ -396,11 +397,6 @@ def _widened(
     return [point for _, point in ends[:2]], seen
 
 
-def smoothly(one: Observation) -> Observation:
-    """Return a reading that moves smoothly with the numbers, in place of one that does not."""
-    return Observation(MEAN) if one.kind == INSTANTS else one
-
-
 def _first_ends(
     some: Residuals, points: Sequence[Array], seen: Observation | None, starts: int
 ) -> tuple[Residuals, list[least_squares.Descent]]:
@@ -411,7 +407,7 @@ def _first_ends(
     trial, numbers = (some, []) if seen is None else (read_as(some, seen), filter_numbers(seen))
     chosen = [np.append(point, numbers) for point in points]
     if trial.observation.kind == INSTANTS:
-        means = read_as(some, smoothly(trial.observation))
+        means = read_as(some, Observation(MEAN))
         chosen += [means.descend(point[np.newaxis], GLANCE, ENOUGH).point for point in chosen]
 
     def descended(point: Array, rounds: int) -> least_squares.Descent:

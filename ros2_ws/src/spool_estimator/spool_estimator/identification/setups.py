@@ -412,7 +412,11 @@ def _joined(
         max(entry.rate_std for part in parts for entry in part.setup.records),
     )  # fmt: skip
     best = replace(best, point=inside(ended, joint.unknowns))
-    effects = _noise_effects(joint, best.point, settings.noise_seconds)
+    seconds, here = settings.noise_seconds, best.point[np.newaxis]
+    effects = [
+        input_noise_effect(part.residuals, joint.own(part, here)[0], part.seen, seconds)
+        for part in joint.parts
+    ]
     effect = _together(effects, moves)
     shown = np.isfinite(np.diag(covariance))
     if effect is not None and shown.all():
@@ -553,14 +557,6 @@ def _moves(joint: _Joint, point: Array, slopes: Array) -> list[Array]:
             sizes[:, np.newaxis] * (np.linalg.pinv((slopes * sizes).T @ (slopes * sizes)) @ here.T @ own)
         )
     return found
-
-
-def _noise_effects(joint: _Joint, point: Array, seconds: float) -> list[NoiseEffect | None]:
-    """Return what the noise of each set-up's excitation does to what its own fit found."""
-    return [
-        input_noise_effect(part.residuals, joint.own(part, point[np.newaxis])[0], part.seen, seconds)
-        for part in joint.parts
-    ]
 
 
 def _together(effects: Sequence[NoiseEffect | None], moves: Sequence[Array]) -> NoiseEffect | None:
