@@ -11,6 +11,7 @@ from spool_blind.field.hiding import HiddenPhysics
 from spool_blind.field.logged import LOGGED, make_logged
 from spool_blind.field.logger import FAMILIES, POINTS, LoggerFilter, draw_filters
 from spool_blind.simulator import Plant, SpoolMotion
+from spool_evaluation.studies.estimation import judge_logged
 
 RATE = 1000.0
 H = 1.0 / (RATE * POINTS)
@@ -125,3 +126,15 @@ def test_friction_matters_in_the_logged_records_of_the_field_study():
     case = make_logged(LOGGED[3])
     assert case.importance[case.hidden].matters
     assert case.hidden in case.accepted
+
+
+@pytest.mark.parametrize(
+    ("seed", "kind"), [pytest.param(91000, "mean", marks=pytest.mark.slow), (92041, "none")]
+)
+def test_friction_that_falls_with_speed_is_found_at_its_speed(seed, kind):
+    """Another low-pass was found first, and at instants a law of another speed looks as likely."""
+    found = judge_logged(seed)
+    assert {one.model for one in found.estimates} == {kind}
+    assert "stribeck_velocity" in {one.quantity for one in found.estimates}
+    for one in found.estimates:
+        assert one.value == pytest.approx(one.truth, rel=0.01), one

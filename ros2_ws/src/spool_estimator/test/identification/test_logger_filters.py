@@ -12,11 +12,12 @@ from scipy.signal import bessel, butter, sosfilt, sosfiltfilt
 from spool_core.kernels.compiled import compiled
 from spool_core.numbers import Array
 from spool_core.uncertainty import Z_95
-from spool_estimator.identification.fit import fit
+from spool_estimator.identification.fit import Ended, fit, follow, likeliest_reading, unknowns_of
 from spool_estimator.identification.fit_result import Fit, FitSettings
+from spool_estimator.identification.least_squares import Work
 from spool_estimator.identification.record import Record
 from spool_sim.model import MODELS
-from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, MEAN
+from spool_sim.observation import CAUSAL, INSTANTS, LINEAR, MEAN, Observation
 from spool_sim.valve import find_valve
 
 VALVE = find_valve("4weh10_soft")
@@ -132,3 +133,27 @@ def test_a_body_whose_channel_has_another_filter_bends_no_force() -> None:
 
 def test_a_channel_of_the_body_that_is_filtered_alike_is_not_told_apart() -> None:
     assert fitted(CAUSAL).observation.body_corner is None
+
+
+def test_of_two_readings_of_a_record_the_likelier_one_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Set-ups of one logger show each other its low-pass: behind another one friction is wrong."""
+    model, settings = MODELS["coulomb"], FitSettings()
+    unknowns, values = unknowns_of(model, VALVE, settings), model.values_for(VALVE)
+
+    def ended() -> Ended:
+        return follow([record(CAUSAL)], model, VALVE, settings, unknowns, values, Work(math.inf))
+
+    def force(one: Ended) -> float:
+        names = [unknown.name for unknown in one.residuals.unknowns]
+        return float(one.best.point[names.index("coulomb_force")])
+
+    causal, linear = Observation(CAUSAL, 4.0, 0.36, 0.36), Observation(LINEAR, 4.0, 0.42)
+    right = ended()
+    monkeypatch.setattr("spool_estimator.identification.fit.observed", lambda *_: linear)
+    wrong = ended()
+    assert wrong.residuals.observation.kind == LINEAR
+    found = likeliest_reading(wrong, [linear, causal])
+    assert found.residuals.observation.kind == CAUSAL
+    assert force(found) == pytest.approx(TRUTH["coulomb_force"], rel=2e-3)
+    assert abs(force(wrong) - TRUTH["coulomb_force"]) > 4.0 * abs(force(found) - TRUTH["coulomb_force"])
+    assert likeliest_reading(right, [linear, causal]) is right
